@@ -1,10 +1,12 @@
 """Two things end a motion at one time: a derivative is a number where both agree on it, and NaN where they do not."""
 
+import itertools
 from typing import Any
 
 import jax
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from erosion import ode
 
@@ -288,3 +290,107 @@ def test_gradients_of_resets_whose_order_matters():
 
     np.testing.assert_allclose(of("b"), [0.0, 0.0, 3.0], atol=1e-9)
     np.testing.assert_allclose(of("a"), [NAN, NAN, 0.0], atol=1e-9)
+
+
+KEYS = ("u", "w", "a")
+RATES = np.array([[-1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [1.0, 0.0, 0.0]])
+"""Of u, w and a: u decays, w grows, a is fed by u."""
+REACHED = np.linalg.inv(np.eye(3) - RATES) != 0
+"""Which numbers a change of each number reaches later."""
+EVENTS = 4
+LINEAR = {
+    "u + 1": {"u": 1.0}, "2 u": {"uu": 2.0}, "w + 1": {"w": 1.0}, "3 w": {"ww": 3.0}, "w + u": {"wu": 1.0},
+    "a + 1": {"a": 1.0}, "u + w": {"uw": 1.0}, "u to 0": {"uu": 0.0}, "none": {},
+}  # fmt: skip
+"""What differs in a reset from the one that changes nothing."""
+NOTHING = {"uu": 1.0, "uw": 0.0, "wu": 0.0, "ww": 1.0, "u": 0.0, "w": 0.0, "a": 0.0}
+
+
+def linear_resets(by_times: bool) -> ode.Problem:
+    def event(i: int) -> ode.Event:
+        def reset(t: Any, y: Any, args: Any) -> Any:
+            (a, b, c, d), (u, w) = (args[f"{name}_{i}"] for name in ("uu", "uw", "wu", "ww")), (y["u"], y["w"])
+            more = [args[f"{key}_{i}"] for key in KEYS]
+            return {"u": a * u + b * w + more[0], "w": c * u + d * w + more[1], "a": y["a"] + more[2]}
+
+        if by_times:
+            return ode.Event(times=lambda args: [args[f"at{i}"]], reset=reset)
+        return ode.Event(lambda t, y, args: t - args[f"at{i}"], 1, reset)
+
+    return ode.Problem(
+        {"u": 1.0, "w": 2.0, "a": 0.5},
+        lambda t, y, args: {"u": -y["u"], "w": 0.5 * y["w"], "a": y["u"]},
+        events={f"e{i}": event(i) for i in range(EVENTS)},
+    )
+
+
+def random_resets(lanes: int, seed: int) -> tuple[dict[str, np.ndarray], list[list[int]]]:
+    """Numbers of lanes, and of each the events at once: two to four of the four, at 1; the others come before."""
+    random = np.random.default_rng(seed)
+    columns: dict[str, list[float]] = {}
+    groups = []
+    for lane in range(lanes):
+        kinds = [LINEAR[name] for name in random.choice(list(LINEAR), EVENTS)]
+        groups.append(sorted(random.choice(EVENTS, 2 + lane % 3, replace=False).tolist()))
+        for i, kind in enumerate(kinds):
+            columns.setdefault(f"at{i}", []).append(1.0 if i in groups[-1] else 0.2 + 0.1 * i)
+            for name, number in (NOTHING | kind).items():
+                columns.setdefault(f"{name}_{i}", []).append(number)
+    return {name: np.array(column) for name, column in columns.items()}, groups
+
+
+def by_all_orders(args: dict[str, float], group: list[int], t1: float) -> np.ndarray:
+    """∂y/∂tᵢ at t1, shape (3, 4), by brute force: NaN where two orders of the events at 1 differ."""
+    m, b = [np.eye(3) for _ in range(EVENTS)], [np.array([args[f"{key}_{i}"] for key in KEYS]) for i in range(EVENTS)]
+    for i in range(EVENTS):
+        m[i][:2, :2] = [[args[f"{row}{column}_{i}"] for column in "uw"] for row in "uw"]
+    before = sorted((i for i in range(EVENTS) if i not in group), key=lambda i: args[f"at{i}"])
+    states, changes = [], []
+    for order in itertools.permutations(group):
+        y, change, now = np.array([1.0, 2.0, 0.5]), np.zeros((3, EVENTS)), 0.0
+        for i in (*before, *order):
+            flow = expm(RATES * (args[f"at{i}"] - now))
+            y, change, now = flow @ y, flow @ change, args[f"at{i}"]
+            change = m[i] @ change
+            change[:, i] += m[i] @ RATES @ y - RATES @ (m[i] @ y + b[i])
+            y = m[i] @ y + b[i]
+        states.append(y)
+        changes.append(change)
+    jumps = np.ptp(states, axis=0) > 1e-9
+    lost = (np.ptp(changes, axis=0) > 1e-9) | jumps[:, None]
+    lost[:, before] = False  # these move alone
+    later = expm(RATES * (t1 - 1.0))
+    return np.where((REACHED @ lost) > 0, np.nan, later @ changes[0])
+
+
+@pytest.mark.parametrize(("by_times", "method"), [(True, "explicit"), (False, "explicit"), (True, "rosenbrock")])
+def test_derivatives_of_random_resets_at_once_are_those_of_all_orders(by_times, method):
+    args, groups = random_resets(60, 5 + by_times)
+    wrt = [f"at{i}" for i in range(EVENTS)]
+    end = ode.solve(linear_resets(by_times), args, t1=1.5, wrt=wrt, method=method)
+    found = np.array([[end.along(name).y[key] for name in wrt] for key in KEYS])
+    expected = np.stack(
+        [by_all_orders({name: each[k] for name, each in args.items()}, groups[k], 1.5) for k in range(60)], axis=-1
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+    assert 0.1 < np.isnan(found).mean() < 0.9
+
+
+def test_a_gradient_of_three_resets_of_which_the_reverse_order_gives_the_same():
+    kinds = enumerate(("u + 1", "2 u", "u + 1", "none"))
+    args = {f"{name}_{i}": number for i, kind in kinds for name, number in (NOTHING | LINEAR[kind]).items()}
+    times = {"at0": 1.0, "at1": 1.0, "at2": 1.0, "at3": 0.5}
+    by = jax.grad(lambda times: ode.solve(linear_resets(by_times=True), args | times, t1=1.5).y["a"])(times)
+    np.testing.assert_allclose([by[name] for name in times], [NAN, NAN, NAN, 0.0], atol=1e-7)
+
+
+def test_of_seven_events_at_once_derivatives_by_the_time_of_one_are_nan():
+    reset = lambda t, y, args: {"u": y["u"] + args["dose"]}  # noqa: E731
+    events = {f"e{i}": ode.Event(times=lambda args, i=i: [args[f"at{i}"]], reset=reset) for i in range(7)}
+    problem = ode.Problem({"u": 0.0}, lambda t, y, args: {"u": 0.0}, events=events)
+    args = {f"at{i}": 1.0 for i in range(7)} | {"dose": 2.0}
+    end = ode.solve(problem, args, t1=2.0, wrt=("at3", "dose"))
+    assert np.isnan(end.along("at3").y["u"])
+    assert end.along("dose").y["u"] == 7.0
+    six = ode.solve(problem, args | {"at0": 0.5}, t1=2.0, wrt=("at3", "dose"))
+    assert (six.along("at3").y["u"], six.along("dose").y["u"]) == (0.0, 7.0)

@@ -10,6 +10,7 @@ event functions are asked again, in their order, until no reset has taken anothe
 """
 
 import functools
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from erosion.arguments import Flag, Scalar
 from erosion.ode import step_control
 from erosion.ode.event_location import Segment
 from erosion.ode.lane_equations import LaneEquations
-from erosion.ode.motion import Augmented, Motion, event_function, outputs_of
+from erosion.ode.motion import Augmented, Motion, event_function, of_event, outputs_of
 from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, MOMENT, SLIDES, ULPS, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
@@ -46,6 +47,7 @@ _RESIDUAL = 4.0  # times what an event function is at its event: if it is no mor
 _RESTS = 1e-6  # of the time scale, and of the time so far: where an event follows sooner, and its function rises
 _ENDLESS = 100  # rounds of events that resets make happen
 _SLIDES = 20  # switches at one time: the rates point to one from both sides
+_ORDERED = 6  # events at one time: 720 orders; derivatives that more of them may decide are NaN, whatever they do
 _RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
 
 _NO_TIME = Derivatives(None, None, None, None)
@@ -157,6 +159,8 @@ class Transitions:
         Where both times move alike nothing changes: there the rates of the mode before need not be defined.
         """
         equations = self.problem.equations
+        if not self.problem.order:
+            return instant
         along = AlongFlow(equations, instant.value_and_tangents)
         at_it = at_event(along, event, 0.0 * instant.elapsed[0], _itself, _NO_TIME)
         _, *moved = equations.pack(along.here(event_function(event)))
@@ -165,20 +169,27 @@ class Transitions:
         alike = functools.reduce(jnp.logical_and, [jnp.abs(part) <= share * size for part, share in both])
         return instant.at_own_time(later & ~alike, equations.pack(at_it.outputs), equations.pack(at_it.time))
 
-    def fired(self, instant: Instant, event: int, fires: Flag, own_time: Flag | None = None) -> Instant:
-        """With an event, if it `fires`; where it has its own time the state comes to it from that of the one before."""
-        equations = self.problem.equations
-        if own_time is not None and self.problem.order:
-            instant = self.at_event(instant, jnp.asarray(event), fires & own_time)
-        value_and_tangents, elapsed = instant.value_and_tangents, instant.elapsed
-        at_once = [flag | fires if i == event else flag for i, flag in enumerate(instant.at_once)]
-        written = self.loop.after_event(instant.written, event, fires, at_once, value_and_tangents, elapsed)
-        after, survives = value_and_tangents, jnp.asarray(event in self.problem.chains)
-        if event in self.problem.chains:
-            survives = ~self.here.ends(event, value_and_tangents[0])
-            after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), value_and_tangents))
+    def fired(self, instant: Instant, event: Scalar, fires: Flag) -> Instant:
+        """With an event of the problem, if it `fires`."""
+        equations, value_and_tangents = self.problem.equations, instant.value_and_tangents
+        at_once = [flag | (fires & (event == i)) for i, flag in enumerate(instant.at_once)]
+        written = self.loop.after_event(
+            instant.written, event, fires, at_once, value_and_tangents, instant.elapsed
+        )  # fmt: skip
+        chains = [i for i in self.own if i in self.problem.chains]
+
+        def after(at: Augmented, motion: Motion) -> Augmented:
+            results = at
+            for i in chains:
+                results = chosen(event == i, motion.after(i, at), results)
+            return results
+
+        ends = [self.here.ends(i, value_and_tangents[0]) if i in chains else jnp.asarray(True) for i in self.own]
+        survives = jnp.logical_not(_flag_of(event, ends))
         return instant._replace(
-            value_and_tangents=chosen(fires, after, value_and_tangents),
+            value_and_tangents=chosen(
+                fires, equations.pack(equations.of(after, value_and_tangents)), value_and_tangents
+            ),
             met=chosen(fires, value_and_tangents, instant.met),
             last=jnp.where(fires, event, instant.last),
             count=instant.count + jnp.where(fires, 1, 0),
@@ -188,23 +199,46 @@ class Transitions:
             written=written,
         )
 
-    def in_turn(self, instant: Instant, segment: Segment, first: Scalar, *, forwards: bool) -> Instant:
-        """With the events that come to zero together, in their order or the reverse; switches before the others.
+    def next_of(self, at_once: Sequence[Flag], place: Scalar) -> Scalar:
+        """That event at a place among some that are at once, in their order; switches before the others; -1 if none."""
+        event = 0 * place - 1
+        for i in (*self.bounds, *self.own):
+            event = jnp.where(at_once[i] & (place == 0), i, event)
+            place = place - jnp.where(at_once[i], 1, 0)
+        return event
+
+    def in_turn(self, instant: Instant, segment: Segment, first: Scalar, order: Scalar) -> Instant:
+        """With the events that come to zero together, in one of their orders.
 
         The state is that at the first one's time. Each after the first happens where its function falls still after
         the resets before it.
+
+        Args:
+            instant: before them.
+            segment: to the first of them.
+            first: it happens in any case.
+            order: below n! for n of them; in the mixed base of n, n - 1, … 1 its digits are places among those left.
+                0 is the order of the problem, switches before the others.
         """
         falling, before = self.rates(instant.value_and_tangents[0]), instant
-        if self.bounds and forwards:
-            instant = self.switched_in_turn(instant, segment, falling, first, forwards=True)
-        for i in self.own if forwards else reversed(self.own):
-            still = (first == i) | (self.rates(instant.value_and_tangents[0])[i] * falling[i] > 0)
-            fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
-            instant = self.fired(instant, i, fires, (first != i) | instant.happened)
+
+        def turn(at: tuple[Instant, list[Flag], Scalar]) -> tuple[Instant, list[Flag], Scalar]:
+            instant, left, order = at
+            count = _count(left)
+            event = self.next_of(left, lax.rem(order, count))
+            rates = self.rates(instant.value_and_tangents[0])
+            still = (event == first) | (of_event(event, rates, 0.0) * of_event(event, falling, 0.0) > 0)
+            fires = still & instant.survives & (instant.count < self.most)
+            instant = self.at_event(instant, event, fires & ((event != first) | instant.happened))
+            if self.bounds:
+                instant = self.switched(instant, event, fires & (event >= self.problem.own_events))
+            instant = self.fired(instant, event, fires & (event < self.problem.own_events))
+            return instant, [flag & (event != i) for i, flag in enumerate(left)], lax.div(order, count)
+
+        start = instant, list(segment.at_once), order
+        instant, *_ = lax.while_loop(lambda at: functools.reduce(jnp.logical_or, at[1]), turn, start)
         if not self.bounds:
             return instant
-        if not forwards:
-            instant = self.switched_in_turn(instant, segment, falling, first, forwards=False)
         same = instant.count == before.count
         assert self.problem.switches is not None
         # Beyond a bound of two sides is the same bound, but the next whole number has others.
@@ -212,49 +246,16 @@ class Transitions:
         located = [same & segment.at_once[i] if two_sided else jnp.asarray(False) for i, two_sided in both]
         return self.in_modes(instant, located, [falling[i] for i in self.bounds])
 
-    def switched_in_turn(
-        self, instant: Instant, segment: Segment, falling: Sequence[Scalar], first: Scalar, *, forwards: bool
-    ) -> Instant:
-        """With the switches among these events."""
-        start, beyond = (self.bounds[0], self.bounds[-1] + 1) if forwards else (self.bounds[-1], self.bounds[0] - 1)
-
-        def following(index: Scalar) -> Scalar:
-            """The next switch, that of the index included."""
-            found = 0 * index + beyond
-            for i in reversed(self.bounds) if forwards else self.bounds:
-                found = jnp.where(segment.at_once[i] & ((index <= i) if forwards else (index >= i)), i, found)
-            return found
-
-        def switches(at: tuple[Instant, Scalar]) -> tuple[Instant, Scalar]:
-            instant, index = at
-            rates = self.rates(instant.value_and_tangents[0])
-            still = [rates[i] * falling[i] > 0 for i in self.bounds]
-            fires = (index == first) | functools.reduce(
-                jnp.logical_or, [(index == i) & flag for i, flag in zip(self.bounds, still, strict=True)]
-            )
-            fires = fires & instant.survives & (instant.count < self.most)
-            after = self.switched(instant, index, fires, own_time=(index != first) | instant.happened)
-            return after, following(index + (1 if forwards else -1))
-
-        begin = following(0 * first + start)
-        return lax.while_loop(lambda at: at[1] != beyond, switches, (instant, begin))[0]
-
-    def switched(
-        self, instant: Instant, bound: Scalar, fires: Flag, *, own_time: Flag | None = None, jumps: Flag = False
-    ) -> Instant:
-        """With a switch, if it `fires`; see `fired`.
+    def switched(self, instant: Instant, bound: Scalar, fires: Flag, *, jumps: Flag = False) -> Instant:
+        """With a switch, if it `fires`.
 
         Args:
             instant: before it.
             bound: the index of its event.
             fires: whether it happens.
-            own_time: whether it has its own time; None where it has that of another event.
             jumps: whether its function jumped, and did not fall.
         """
-        equations = self.problem.equations
-        if own_time is not None and self.problem.order:
-            instant = self.at_event(instant, bound, fires & own_time)
-        value_and_tangents = instant.value_and_tangents
+        equations, value_and_tangents = self.problem.equations, instant.value_and_tangents
         place = bound - self.problem.own_events
 
         def beyond(at: Augmented, motion: Motion) -> Augmented:
@@ -339,20 +340,36 @@ class Transitions:
             return [(state, jnp.where(at_end, time, 0.0)) for state, time in zip(states, instant.elapsed, strict=True)]
 
         def checked() -> Instant:
-            last = functools.reduce(jnp.maximum, [jnp.where(near, i, -1) for i, near in enumerate(segment.at_once)])
-            end = at_event(along, last, segment.time, _itself, _NO_TIME)
-            gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
-            value_and_tangents = equations.pack(end.outputs)
-            start = before._replace(value_and_tangents=value_and_tangents, elapsed=gone, soonest=gone, latest=gone)
-            other = self.in_turn(start, segment, last, forwards=False)
-            is_end, other_ends = self.ends(instant), self.ends(other)
-            one, two = compared(instant, is_end), compared(other, other_ends)
-            jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | (is_end != other_ends), one[0], two[0])
-            apart = self.apart(zip(instant.soonest, instant.latest, other.soonest, other.latest, strict=True), 0.0)
-            tangents = unlike(one[1:], two[1:], [one[0]] * len(one[1:]), equations.shares[1:])
-            lost = [jax.tree.map(lambda *flags, moves=moves: moves & (flags[0] | flags[1]), jumps, each)
-                    for moves, each in zip(apart, tangents, strict=True)]  # fmt: skip
-            states, times = map(list, zip(*lost, strict=True))
+            count, is_end = _count(segment.at_once), self.ends(instant)
+            one = compared(instant, is_end)
+            orders = of_event(count, [math.factorial(n) for n in range(_ORDERED + 1)], jnp.asarray(2))
+
+            def lost(order: Scalar) -> list[list[PyTree]]:
+                """The tangents of the state, and those of the time, that an order changes."""
+                first = self.next_of(segment.at_once, lax.rem(order, count))
+                end = at_event(along, first, segment.time, _itself, _NO_TIME)
+                gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
+                start = before._replace(
+                    value_and_tangents=equations.pack(end.outputs), elapsed=gone, soonest=gone, latest=gone
+                )
+                other = self.in_turn(start, segment, first, order)
+                other_ends = self.ends(other)
+                two = compared(other, other_ends)
+                unknown = (count > _ORDERED) | (is_end != other_ends)
+                jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | unknown, one[0], two[0])
+                apart = self.apart(zip(instant.soonest, instant.latest, other.soonest, other.latest, strict=True), 0.0)
+                tangents = unlike(one[1:], two[1:], [one[0]] * len(one[1:]), equations.shares[1:])
+                both = [jax.tree.map(lambda *flags, moves=moves: moves & (flags[0] | flags[1]), jumps, each)
+                        for moves, each in zip(apart, tangents, strict=True)]  # fmt: skip
+                return list(map(list, zip(*both, strict=True)))
+
+            def also(so_far: tuple[Scalar, list[list[PyTree]]]) -> tuple[Scalar, list[list[PyTree]]]:
+                order, flags = so_far
+                return order + 1, jax.tree.map(jnp.logical_or, flags, lost(order))
+
+            none = jax.tree.map(lambda _: jnp.asarray(False), list(map(list, zip(*one[1:], strict=True))))
+            start = 0 * count + 1, none
+            _, (states, times) = lax.while_loop(lambda so_far: so_far[0] < orders, also, start)
             return self.lacking(instant, states, times)
 
         return lax.cond(segment.several, checked, lambda: instant)
@@ -487,48 +504,58 @@ class Transitions:
             return (old * new < 0) | ((old != 0) & (new == 0))
 
         def values(instant: Instant) -> list[Scalar]:
-            return self.here.events(instant.value_and_tangents[0])
+            return self.here.events(instant.value_and_tangents[0])[: len(self.own)]
 
-        def comes(i: int, instant: Instant, value: Scalar) -> Flag:
-            return self.due(i, value, instant) & (instant.happened | begins)
+        def due(instant: Instant, old: Sequence[Scalar], rested: Sequence[Flag]) -> tuple[list[Flag], list[Flag]]:
+            """Of each event whether a reset has taken it through zero, and whether its time has come."""
+            now = values(instant)
+            crossed = [crosses(i, *pair) for i, pair in enumerate(zip(old, now, strict=True))]
+            if flat is not None:
+                rates = zip(rested, self.rates(instant.value_and_tangents[0]), self.problem.directions, strict=False)
+                leaves = [flag & (rate < 0 if direction else rate != 0) for flag, rate, direction in rates]
+                crossed = [one | other for one, other in zip(crossed, leaves, strict=False)]
+            come = [self.due(i, value, instant) & (instant.happened | begins) for i, value in enumerate(now)]
+            return crossed, come
 
-        def leaves(i: int, rested: Sequence[Flag], instant: Instant) -> Flag:
-            if flat is None:
-                return jnp.asarray(False)
-            rate = self.rates(instant.value_and_tangents[0])[i]
-            return jnp.logical_and(rested[i], rate < 0 if self.problem.directions[i] else rate != 0)
-
-        def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Scalar]) -> Flag:
-            instant, old, rested, rounds = state
-            pairs = enumerate(zip(old, values(instant), strict=False))
-            crossed = [crosses(i, *pair) | leaves(i, rested, instant) | comes(i, instant, pair[1]) for i, pair in pairs]
-            any_crosses = functools.reduce(jnp.logical_or, crossed, jnp.asarray(False))
-            return any_crosses & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
+        def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Flag, Scalar, Scalar]) -> Flag:
+            instant, old, rested, _, event, rounds = state
+            crossed, come = due(instant, old, rested)
+            happens = functools.reduce(jnp.logical_or, [*crossed, *come], jnp.asarray(False))
+            begun = happens & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
+            return begun | (event > 0)
 
         def asked(
-            state: tuple[Instant, list[Scalar], list[Flag], Scalar],
-        ) -> tuple[Instant, list[Scalar], list[Flag], Scalar]:
-            instant, old, rested, rounds = state
-            old, by_resets = list(old), jnp.asarray(False)
-            for i in range(len(old)):
-                new = values(instant)[i]
-                at_time = comes(i, instant, new)
-                crossed = crosses(i, old[i], new) | leaves(i, rested, instant)
-                at_zero = new == 0 if begins else jnp.logical_and(new == 0, ~at_time)
-                instant = self._also(instant, i, crossed | at_time, at_zero=at_zero, own_time=at_time)
-                old[i], by_resets = values(instant)[i], by_resets | crossed
-            return instant, old, [jnp.asarray(False) for _ in rested], rounds + jnp.where(by_resets, 1, 0)
+            state: tuple[Instant, list[Scalar], list[Flag], Flag, Scalar, Scalar],
+        ) -> tuple[Instant, list[Scalar], list[Flag], Flag, Scalar, Scalar]:
+            instant, old, rested, by_resets, event, rounds = state
+            crossed, come = (_flag_of(event, flags) for flags in due(instant, old, rested))
+            at_zero = of_event(event, values(instant), 1.0) == 0
+            at_zero = at_zero if begins else jnp.logical_and(at_zero, ~come)
+            instant = self._also(instant, event, crossed | come, at_zero=at_zero, own_time=come)
+            pairs = enumerate(zip(old, values(instant), strict=True))
+            asked_now: list[Scalar] = [jnp.where(event == i, new, value) for i, (value, new) in pairs]
+            by_resets, within = by_resets | crossed, jnp.asarray(event < len(before) - 1)
+            rest: list[Flag] = [jnp.logical_and(flag, within) for flag in rested]
+            event, rounds = jnp.where(within, event + 1, 0), rounds + jnp.where(~within & by_resets, 1, 0)
+            return instant, asked_now, rest, jnp.logical_and(by_resets, within), event, rounds
 
-        state = lax.while_loop(goes_on, asked, (instant, list(before), list(flat or ()), 0 * instant.count))
-        return state[0], state[3] >= _ENDLESS
+        none, no = 0 * instant.count, jnp.asarray(False)
+        begin = instant, list(before), list(flat or ()), no, none, none
+        instant, *_, rounds = lax.while_loop(goes_on, asked, begin)
+        return instant, rounds >= _ENDLESS
 
     def at_start(self, instant: Instant) -> tuple[Instant, Flag]:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
         before, past = self.here.events(instant.value_and_tangents[0])[: len(self.own)], self._past(instant)
-        for i, is_past in enumerate(past):
-            own_time = before[i] != 0 if i in self.scheduled else None
-            happens = is_past & self._past(instant)[i]
-            instant = self._also(instant, i, happens, at_zero=before[i] == 0, own_time=own_time)
+
+        def asked(at: tuple[Instant, Scalar]) -> tuple[Instant, Scalar]:
+            instant, event = at
+            value = of_event(event, before, 0.0)
+            own_time = _flag_of(event, [jnp.asarray(i in self.scheduled) for i in self.own]) & (value != 0)
+            happens = _flag_of(event, past) & _flag_of(event, self._past(instant))
+            return self._also(instant, event, happens, at_zero=value == 0, own_time=own_time), event + 1
+
+        instant, _ = lax.while_loop(lambda at: at[1] < len(self.own), asked, (instant, 0 * instant.count))
         before = [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)]
         return self.settled(instant, before, begins=True)
 
@@ -541,19 +568,15 @@ class Transitions:
         past = self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))
         return [due[i] if i in self.scheduled else past[i] for i in self.own]
 
-    def _also(
-        self, instant: Instant, event: int, happens: Flag, *, at_zero: Flag, own_time: Flag | None = None
-    ) -> Instant:
+    def _also(self, instant: Instant, event: Scalar, happens: Flag, *, at_zero: Flag, own_time: Flag) -> Instant:
         """With an event for which no segment ends, if it `happens`; the way back does not know it."""
         fires = happens & instant.survives & (instant.count < self.most)
         instant = instant._replace(written=self.loop.after_event_at_once(instant.written, fires))
-        instant = self.fired(self._edged(instant, event, fires & at_zero), event, fires, own_time)
-        return self._followed(instant, event)
-
-    def _followed(self, instant: Instant, event: int) -> Instant:
-        """With the switches that the reset of an event makes."""
-        if not self.bounds or event not in self.problem.chains:
+        instant = self.at_event(self._edged(instant, event, fires & at_zero), event, fires & own_time)
+        instant = self.fired(instant, event, fires)
+        if not self.bounds:
             return instant
+        # The switches that the reset makes.
         none = [jnp.asarray(False) for _ in self.bounds]
         return self.in_modes(instant, none, [0.0 * instant.elapsed[0] for _ in self.bounds])
 
@@ -586,12 +609,12 @@ class Transitions:
             hops = hops | (event & near & (jnp.abs(rate) <= _RESTS * pull * typical))
         return stands, hops
 
-    def _edged(self, instant: Instant, event: int, at_zero: Flag) -> Instant:
+    def _edged(self, instant: Instant, event: Scalar, at_zero: Flag) -> Instant:
         """Without the derivatives that decide whether an event happens now or, as its function is zero, soon."""
         equations = self.problem.equations
         if not self.problem.order:
             return instant
-        moved = equations.pack(equations.of(lambda at, motion: motion.events(at)[event], instant.value_and_tangents))
+        moved = equations.pack(equations.of(event_function(event), instant.value_and_tangents))
         lost = [at_zero & (part != 0) for part in moved[1:]]
         if equations.order == 2:
             lost[-1] = functools.reduce(jnp.logical_or, lost)
@@ -665,7 +688,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
             segment.at_once,
             written,
         )
-        instant = transitions.in_turn(met, segment, segment.event, forwards=True)
+        instant = transitions.in_turn(met, segment, segment.event, 0 * before.count)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
         instant = transitions.two_sided_at_end(instant, met, segment.arrives, time_to_end)
         rounding, falling = transitions.here.events(value_and_tangents[0]), transitions.rates(value_and_tangents[0])
@@ -733,6 +756,17 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
     last = lax.while_loop(lambda so_far: so_far.goes_on, flown, begun)
     outputs = equations.of(outputs_of, last.segment.value_and_tangents)
     return last.segment, AtEvent(equations.unpack(last.elapsed), outputs, last.amplification), last.written
+
+
+def _flag_of(event: Scalar, flags: Sequence[Flag]) -> Flag:
+    """That flag of all events' which is the event's."""
+    each = [(event == i) & flag for i, flag in enumerate(flags)]
+    return functools.reduce(jnp.logical_or, each, jnp.asarray(False))
+
+
+def _count(flags: Sequence[Flag]) -> Scalar:
+    """How many of them are set."""
+    return functools.reduce(jnp.add, [jnp.where(flag, 1, 0) for flag in flags])
 
 
 def _itself(at: Augmented, _: Motion) -> Augmented:

@@ -49,7 +49,7 @@ class Recorder(abc.ABC):
         return written
 
     def after_event(
-        self, written: Any, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
+        self, written: Any, event: Scalar, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
     ) -> Any:
         """With an event, if it fires, those that happen at once and the state before its reset."""
         return written
@@ -209,7 +209,7 @@ class Events(Recorder):
         return Events(self.problem, self.rtol, self.rows, elapsed)
 
     def after_event(
-        self, written: EventLog, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
+        self, written: EventLog, event: Scalar, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
     ) -> EventLog:
         """See `Recorder`."""
         equations, happening = self.problem.equations, at_once[: self.problem.own_events]
@@ -217,7 +217,7 @@ class Events(Recorder):
         there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
         numbers = []
         for i, part in enumerate(equations.pack(equations.unscale(there))):
-            codes = [float(event), *(lax.convert_element_type(flag, float) for flag in happening)]
+            codes = [lax.convert_element_type(number, float) for number in (event, *happening)]
             numbers += [*(jnp.zeros(()) + (0.0 if i else code) for code in codes), *part]
         return written.with_event(fires, numbers)
 

@@ -90,7 +90,7 @@ class SegmentLoop:
         return [recorder.after_segment(so_far, segment) for recorder, so_far in pairs]
 
     def after_event(
-        self, written: Written, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...],
+        self, written: Written, event: Scalar, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...],
         elapsed: tuple[Scalar, ...],
     ) -> Written:  # fmt: skip
         """What they have written with an event, if it fires: the state there before its reset, and the time."""
