@@ -9,6 +9,7 @@ from matplotlib.text import Text
 import erosion
 from erosion.impacts.turn import BEYOND, BEYOND_LABEL, TURNED, TurnLimited, turned_beyond
 from erosion.plotting.curves import plot_optimum
+from erosion.sweeps.grid import in_words
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
@@ -96,6 +97,13 @@ def test_a_sweep_gives_turns_if_asked():
 @pytest.mark.parametrize("name", ["linearized", "rotating"])
 def test_no_impacts_have_no_turns(name):
     assert turned_beyond(name, P.replace(alpha=np.zeros(0))).shape == (0,)
+
+
+def test_own_parameters_vary_where_nothing_is_cut():
+    away = P.replace(alpha=0.5, phidot0=-2 * P.v0 / P.r)
+    found = erosion.sweep("rotating-deformation", away, energy_ratio=[1.0, 2.0, 3.0])
+    assert (in_words(found.ended_by) == "no-cut").all()
+    assert "findings" not in found.attrs
 
 
 def test_sweeps_keep_the_limit():

@@ -23,7 +23,7 @@ from erosion.models import (
     with_values,
 )
 from erosion.output import briefly
-from erosion.parameters import QUANTITIES, STEEPEST, Parameters, about, read_quantity
+from erosion.parameters import STEEPEST, Parameters, about, read_quantity
 from erosion.results import Finding
 
 QUARTER_TURN = math.pi / 2
@@ -124,8 +124,8 @@ def turned_beyond(model: CuttingModel | str | Path, p: Parameters) -> np.ndarray
 
     Where cutting begins the cut beside it counts.
     """
-    angles = np.broadcast_to(p.alpha, np.broadcast_shapes(*(np.shape(getattr(p, name)) for name in QUANTITIES)))
     model = load_model(model)
+    angles = np.broadcast_to(p.alpha, np.broadcast_shapes(*map(np.shape, values(model, p).values())))
     if not turns(model, p):
         return np.zeros(angles.shape, bool)
     known = np.isfinite(angles)
