@@ -108,6 +108,7 @@ def test_answers_are_of_the_own_parameters_of_the_case() -> None:
     move = np.rad2deg(0.01 * 0.35 * rates["friction"])
     assert option["series"][0]["data"][0] == pytest.approx(move, abs=1e-6)
     assert f"μ {move:+.3g}°" in said
+    assert option["title"]["text"] == ""  # the page merges options, and would keep another one
 
 
 def test_a_best_angle_that_nothing_is_known_to_move_has_the_reason() -> None:

@@ -4,6 +4,7 @@ import itertools
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -330,7 +331,9 @@ def random_resets(lanes: int, seed: int) -> tuple[dict[str, np.ndarray], list[li
     columns: dict[str, list[float]] = {}
     groups = []
     for lane in range(lanes):
-        kinds = [LINEAR[name] for name in random.choice(list(LINEAR), EVENTS)]
+        # Most of the groups have resets whose order matters, and often the reverse order alone does not show it.
+        names = random.choice(list(LINEAR), EVENTS) if lane % 3 else random.choice(["u + 1", "2 u", "u + w"], EVENTS)
+        kinds = [LINEAR[name] for name in names]
         groups.append(sorted(random.choice(EVENTS, 2 + lane % 3, replace=False).tolist()))
         for i, kind in enumerate(kinds):
             columns.setdefault(f"at{i}", []).append(1.0 if i in groups[-1] else 0.2 + 0.1 * i)
@@ -394,3 +397,38 @@ def test_of_seven_events_at_once_derivatives_by_the_time_of_one_are_nan():
     assert end.along("dose").y["u"] == 7.0
     six = ode.solve(problem, args | {"at0": 0.5}, t1=2.0, wrt=("at3", "dose"))
     assert (six.along("at3").y["u"], six.along("dose").y["u"]) == (0.0, 7.0)
+    # The first ends the lane: it would be another one if that came sooner.
+    first = ode.solve(problem, args, t1=2.0, wrt=("at0", "at6"), max_events=1)
+    assert np.isnan([first.along(name).t for name in ("at0", "at6")]).all()
+
+
+def test_of_six_resets_in_two_orders_derivatives_are_nan_where_the_order_matters():
+    kinds = ("u + 1", "a + 1", "a + 1", "a + 1", "a + 1", "2 u")
+
+    def event(i: int) -> ode.Event:
+        up, twice = float(kinds[i] == "u + 1"), 1.0 + (kinds[i] == "2 u")
+        return ode.Event(
+            times=lambda args: [args[f"at{i}"]],
+            reset=lambda t, y, args: {"u": twice * y["u"] + up, "a": y["a"] + (kinds[i] == "a + 1"), "w": y["w"]},
+        )
+
+    problem = ode.Problem(
+        {"u": 1.0, "a": 0.0, "w": 1.0}, lambda t, y, args: {"u": 0.0, "a": 0.0, "w": -args["rate"] * y["w"]},
+        events={f"e{i}": event(i) for i in range(6)},
+    )  # fmt: skip
+    args = {f"at{i}": 1.0 for i in range(6)} | {"rate": 0.5}
+    end = ode.solve(problem, args, t1=2.0, wrt=("at0", "at1", "rate"))
+    assert np.isnan(end.along("at0").y["u"])
+    np.testing.assert_allclose([end.along("at0").y[name] for name in "aw"], 0.0, atol=1e-12)
+    np.testing.assert_allclose([end.along("rate").y[name] for name in "uaw"], [0, 0, -2 * np.exp(-1)], rtol=1e-9)
+
+
+def test_beside_a_switch_that_is_one_too_many_the_time_of_a_lane_that_goes_on_has_derivatives():
+    events = {
+        f"e{i}": ode.Event(times=lambda args: [args["at"]], reset=lambda t, y, args: {"u": y["u"] + 1.0})
+        for i in range(6)
+    }
+    problem = ode.Problem({"u": 0.0}, lambda t, y, args: {"u": jnp.where(t < args["c"], 1.0, 2.0)}, events=events)
+    end = ode.solve(problem, {"at": 1.0, "c": 1.0}, t1=2.0, wrt=("at", "c"))
+    assert (end.along("at").t, end.along("c").t) == (0.0, 0.0)
+    assert np.isnan(end.along("c").y["u"])

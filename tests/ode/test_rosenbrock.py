@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -143,6 +144,14 @@ def test_an_unfinished_lane_that_rests_at_its_event_says_what_to_write() -> None
     assert (end.ended_by == "dry").all()
     np.testing.assert_allclose(end.t, t, rtol=1e-12)
     np.testing.assert_allclose(end.along("k").t, -t / k, rtol=1e-10)
+
+
+def test_in_jax() -> None:
+    """By "auto" as well as outside, where the lane turns out to be stiff."""
+    value, slope = jax.jit(jax.value_and_grad(lambda k3: ode.solve(EARLY, {"k3": k3}, t1=1e3).t))(1e4)
+    end = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3")
+    assert end.stiff
+    np.testing.assert_allclose([value, slope], [end.t, end.along("k3").t], rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["rosenbrock", "auto"])

@@ -12,7 +12,7 @@ event functions are asked again, in their order, until no reset has taken anothe
 import functools
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,7 +47,7 @@ _RESIDUAL = 4.0  # times what an event function is at its event: if it is no mor
 _RESTS = 1e-6  # of the time scale, and of the time so far: where an event follows sooner, and its function rises
 _ENDLESS = 100  # rounds of events that resets make happen
 _SLIDES = 20  # switches at one time: the rates point to one from both sides
-_ORDERED = 6  # events at one time: 720 orders; derivatives that more of them may decide are NaN, whatever they do
+_ORDERED = 6  # events and switches at one time, whose 720 orders are compared; more have no derivatives by their times
 _RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
 
 _NO_TIME = Derivatives(None, None, None, None)
@@ -173,9 +173,7 @@ class Transitions:
         """With an event of the problem, if it `fires`."""
         equations, value_and_tangents = self.problem.equations, instant.value_and_tangents
         at_once = [flag | (fires & (event == i)) for i, flag in enumerate(instant.at_once)]
-        written = self.loop.after_event(
-            instant.written, event, fires, at_once, value_and_tangents, instant.elapsed
-        )  # fmt: skip
+        written = self.loop.after_event(instant.written, event, fires, at_once, value_and_tangents, instant.elapsed)
         chains = [i for i in self.own if i in self.problem.chains]
 
         def after(at: Augmented, motion: Motion) -> Augmented:
@@ -200,7 +198,7 @@ class Transitions:
         )
 
     def next_of(self, at_once: Sequence[Flag], place: Scalar) -> Scalar:
-        """That event at a place among some that are at once, in their order; switches before the others; -1 if none."""
+        """The event at a place among those that are at once, switches before the others; -1 beyond the last."""
         event = 0 * place - 1
         for i in (*self.bounds, *self.own):
             event = jnp.where(at_once[i] & (place == 0), i, event)
@@ -339,37 +337,59 @@ class Transitions:
             states = chosen(at_end, instant.met, equations.pack(fixed))
             return [(state, jnp.where(at_end, time, 0.0)) for state, time in zip(states, instant.elapsed, strict=True)]
 
+        def at_own_time(event: Scalar) -> Instant:
+            """The state at an event, before any other of this time."""
+            end = at_event(along, event, segment.time, _itself, _NO_TIME)
+            time = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
+            state = equations.pack(end.outputs)
+            return before._replace(value_and_tangents=state, elapsed=time, soonest=time, latest=time)
+
         def checked() -> Instant:
             count, is_end = _count(segment.at_once), self.ends(instant)
             one = compared(instant, is_end)
-            orders = of_event(count, [math.factorial(n) for n in range(_ORDERED + 1)], jnp.asarray(2))
 
-            def lost(order: Scalar) -> list[list[PyTree]]:
-                """The tangents of the state, and those of the time, that an order changes."""
+            def with_next(at: tuple[Scalar, tuple[Scalar, ...], tuple[Scalar, ...]]) -> Any:
+                place, soonest, latest = at
+                time = at_own_time(self.next_of(segment.at_once, place)).elapsed
+                return place + 1, tuple(map(jnp.minimum, soonest, time)), tuple(map(jnp.maximum, latest, time))
+
+            # Those too that do not happen, after the last one of a lane: in another order they do.
+            begin = 0 * count, instant.soonest, instant.latest
+            _, soonest, latest = lax.while_loop(lambda at: at[0] < count, with_next, begin)
+
+            def lost(order: Scalar) -> tuple[Flag, list[list[PyTree]]]:
+                """Whether a tangent moves events apart, and the tangents of state and time that an order changes."""
                 first = self.next_of(segment.at_once, lax.rem(order, count))
-                end = at_event(along, first, segment.time, _itself, _NO_TIME)
-                gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
-                start = before._replace(
-                    value_and_tangents=equations.pack(end.outputs), elapsed=gone, soonest=gone, latest=gone
-                )
-                other = self.in_turn(start, segment, first, order)
+                other = self.in_turn(at_own_time(first), segment, first, order)
                 other_ends = self.ends(other)
                 two = compared(other, other_ends)
                 unknown = (count > _ORDERED) | (is_end != other_ends)
-                jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | unknown, one[0], two[0])
-                apart = self.apart(zip(instant.soonest, instant.latest, other.soonest, other.latest, strict=True), 0.0)
+                jumps = (
+                    jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | unknown, one[0][0], two[0][0]),
+                    differ(one[0][1], two[0][1], ALIKE[0], 0.0) | (unknown & (is_end | other_ends)),
+                )
+                apart = self.apart(zip(soonest, latest, other.soonest, other.latest, strict=True), 0.0)
                 tangents = unlike(one[1:], two[1:], [one[0]] * len(one[1:]), equations.shares[1:])
                 both = [jax.tree.map(lambda *flags, moves=moves: moves & (flags[0] | flags[1]), jumps, each)
                         for moves, each in zip(apart, tangents, strict=True)]  # fmt: skip
-                return list(map(list, zip(*both, strict=True)))
+                return functools.reduce(jnp.logical_or, apart), list(map(list, zip(*both, strict=True)))
 
-            def also(so_far: tuple[Scalar, list[list[PyTree]]]) -> tuple[Scalar, list[list[PyTree]]]:
-                order, flags = so_far
-                return order + 1, jax.tree.map(jnp.logical_or, flags, lost(order))
+            def also(so_far: tuple[Scalar, Flag, list[list[PyTree]]]) -> tuple[Scalar, Flag, list[list[PyTree]]]:
+                order, moves, flags = so_far
+                apart, more = lost(order)
+                return order - 1, moves | apart, jax.tree.map(jnp.logical_or, flags, more)
 
+            # The reverse first: between it and the own order each event comes before and after each other one. If no
+            # tangent moves them apart in both, none does.
+            orders = of_event(count, [math.factorial(n) for n in range(_ORDERED + 1)], jnp.asarray(2))
             none = jax.tree.map(lambda _: jnp.asarray(False), list(map(list, zip(*one[1:], strict=True))))
-            start = 0 * count + 1, none
-            _, (states, times) = lax.while_loop(lambda so_far: so_far[0] < orders, also, start)
+            start = orders - 1, jnp.asarray(False), none
+
+            def goes_on(so_far: tuple[Scalar, Flag, list[list[PyTree]]]) -> Flag:
+                order, moves, _ = so_far
+                return (order > 0) & (moves | (order == orders - 1))
+
+            *_, (states, times) = lax.while_loop(goes_on, also, start)
             return self.lacking(instant, states, times)
 
         return lax.cond(segment.several, checked, lambda: instant)
@@ -759,7 +779,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
 
 
 def _flag_of(event: Scalar, flags: Sequence[Flag]) -> Flag:
-    """That flag of all events' which is the event's."""
+    """The flag of an event, from those of all."""
     each = [(event == i) & flag for i, flag in enumerate(flags)]
     return functools.reduce(jnp.logical_or, each, jnp.asarray(False))
 
