@@ -373,15 +373,14 @@ def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
     grid = {"left": 40, "right": 24, "top": 6, "bottom": 26}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
     option = frame(x_axis, y_axis, series, grid=grid)
-    nothing, missing = "nothing", ""
+    missing = ""
     if all(bar is None for bar in bars):
         best = computed.of_all("best").get(model)
-        nothing = "not known" if best is None else f"not known: {best.without_sensitivities}"
-        missing = nothing
+        missing = "not known" if best is None else f"not known: {best.without_sensitivities}"
     # Without a reason the title is empty: the page merges options, and would keep an earlier one.
     text = {"width": 180, "overflow": "break", "fontSize": 14, "fontWeight": "normal"}
     option["title"] = {"text": missing, "left": "center", "top": "middle", "textStyle": text}
-    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
+    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or missing or 'nothing'}"
 
 
 VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {

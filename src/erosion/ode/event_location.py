@@ -77,7 +77,12 @@ class Segment(NamedTuple):
     @property
     def several(self) -> Flag:
         """Whether more than one of these does."""
-        return sum(jnp.where(flag, 1, 0) for flag in self.happening) > 1
+        return how_many(self.happening) > 1
+
+
+def how_many(flags: Sequence[Flag]) -> Scalar:
+    """How many of some flags are set."""
+    return functools.reduce(jnp.add, [jnp.where(flag, 1, 0) for flag in flags])
 
 
 def finish_step(problem: "LaneEquations", lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
