@@ -12,6 +12,7 @@ Figures of sweeps and streams: the drawn numbers are the computed ones, in reada
 """
 
 import inspect
+import io
 import struct
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,10 @@ from matplotlib.patches import Rectangle
 import erosion
 from erosion import TABLE_1, Estimate, NozzleAngle, Trajectory, ode, simulate, sweep
 from erosion.impacts import BEYOND_LABEL
-from erosion.models import Linearized, ProportionalDeformationWear
+from erosion.models import BUILT_IN, Linearized, ProportionalDeformationWear
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.curves import plot_end_times, plot_optimum
-from erosion.plotting.labels import AT_CONTACT
+from erosion.plotting.labels import AT_CONTACT, PALETTE
 from erosion.plotting.maps import plot_nozzle_angle
 from erosion.plotting.motion import (
     animate_cut,
@@ -45,6 +46,7 @@ from erosion.plotting.motion import (
 )
 from erosion.plotting.style import (
     fit_legends,
+    house_style,
     legend_below,
     new_axes,
     new_figure,
@@ -55,6 +57,9 @@ from erosion.plotting.style import (
 )
 from erosion.plotting.sweeps import plot_comparison, plot_sweep
 from erosion.report.case import families_of
+from erosion.sweeps.boundaries import with_boundaries
+from erosion.sweeps.grid import make_grid
+from erosion.sweeps.sweep import prepare_sweep
 
 P = erosion.TABLE_1
 ANGLES = np.deg2rad(np.linspace(5, 85, 9))
@@ -146,14 +151,23 @@ def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> Non
     assert [text.get_text()[-1] for text in legend.get_texts()] == ["0", "1", "2", "3", "4"]
 
 
-def test_a_legend_with_a_name_wider_than_the_figure_is_not_cut() -> None:
+@pytest.mark.parametrize("letters", range(52, 100, 8))
+def test_a_legend_with_a_name_wider_than_the_figure_is_not_cut(letters: int) -> None:
+    name = "full rotation, constant K = k, torque of both components (rotating-full-torque) at the limit of the turn"
+
     fig, ax = new_axes(4.5, 4.4)
-    ax.plot([0, 1], label="full rotation, constant K = k, torque of both components (rotating-full-torque)")
-    legend_below([ax], 1)
+    ax.plot([0, 1], label=name[:letters].strip())
+    with house_style():
+        legend_below(ax, 1)
+    before = fig.legends[0].get_texts()[0].get_fontsize()
     fit_legends(fig)
-    (legend,) = fig.legends
-    fig.set_dpi(300)  # of few dots an inch, letters are as wide as a whole number of dots
-    assert 0.9 < legend.get_window_extent().width / fig.bbox.width <= 1
+    (text,) = fig.legends[0].get_texts()
+    assert text.get_text().replace("\n", " ") == name[:letters].strip()
+    assert text.get_fontsize() == before
+    # What is as wide as the figure, or wider, leaves no white at its sides.
+    picture = mpl.image.imread(io.BytesIO(render(fig, "png")))[-60:, :, :3]
+    assert (picture[:, [0, -1]] == 1).all()
+    assert (picture != 1).any()
 
 
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])
@@ -181,6 +195,17 @@ def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
     # On the axis of the curve, whose greatest value is known.
     drawn = top[:, 1] / max(np.max(np.asarray(line.get_ydata())) for line in fig.axes[0].lines) * best.value
     np.testing.assert_allclose(drawn, expected / (1 if objective == "volume" else P.m), rtol=1e-4)
+
+
+def test_a_comparison_has_a_title_and_another_line_for_each_model() -> None:
+    one = erosion.compare(["linearized"], P)
+    fig = plot_comparison(one.isel(model=[0] * len(BUILT_IN)).assign_coords(model=[*BUILT_IN]))
+    said = [label.rpartition(": ")[0] for label in labels(fig)]
+    assert said == [info.summary.replace("F_x", "Fₓ") for info in BUILT_IN.values()]
+    drawn = [line for line in fig.axes[0].lines if str(line.get_label()) in labels(fig)]
+    for look in (Line2D.get_color, Line2D.get_marker):
+        looks = {(look(line), str(vars(line)["_unscaled_dash_pattern"])) for line in drawn}
+        assert len(looks) == len(BUILT_IN)
 
 
 def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
@@ -324,6 +349,25 @@ def test_one_axis_is_a_curve_in_degrees():
     np.testing.assert_allclose(np.asarray(volume) * 1e-4, found.volume, rtol=1e-12)
     assert ax.get_xlabel() == "α  angle of attack  [°]"
     assert ax.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
+
+
+def test_a_sweep_is_dotted_where_the_body_turns_by_more_than_90_degrees():
+    grid = make_grid("rotating", P, {"k": [1.0, 2.0], "alpha": np.deg2rad(np.arange(5.0, 90, 5))})
+    found = with_boundaries(grid, prepare_sweep(grid).run())
+    beyond = found.turned_beyond.values
+    np.testing.assert_array_equal(beyond, erosion.sweep("rotating", P, **grid.axes, turn=True).turn > np.pi / 2)
+    assert 0 < beyond[1].sum() < beyond[0].sum()
+    fig = plot_sweep(found)
+    drawn = {(line.get_color(), line.get_linestyle()): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
+    for color, volume, turned in zip(("blue", "vermillion"), found.volume.values, beyond, strict=True):
+        np.testing.assert_array_equal(np.isnan(drawn[PALETTE[color], "-"]), turned)
+        np.testing.assert_allclose(drawn[PALETTE[color], ":"][turned] * 1e-4, volume[turned], rtol=1e-12)
+    assert labels(fig) == ["k = 1", "k = 2", BEYOND_LABEL]
+    *_, sample = fig.legends[0].legend_handles
+    assert isinstance(sample, Line2D)
+    assert sample.get_linestyle() == ":"
+    one = make_grid(["linearized", "rotating"], P, {"alpha": np.deg2rad(np.arange(5.0, 90, 5))})
+    assert with_boundaries(one, prepare_sweep(one).run()).turned_beyond.any("alpha").values.tolist() == [False, True]
 
 
 def test_few_values_of_a_second_axis_are_a_family():

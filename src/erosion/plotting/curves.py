@@ -29,6 +29,7 @@ from erosion.plotting.labels import (
     describe,
     end_label,
     leaps,
+    model_title,
     parted,
     with_gaps,
 )
@@ -214,15 +215,19 @@ def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None,
     return ax
 
 
+def draw_parted(ax: Axes, x: np.ndarray, y: np.ndarray, beyond: np.ndarray | None, label: str, **style: Any) -> None:
+    """Draw y(x), dotted where the body turns by more than 90°, with entries of the legend for both."""
+    beyond = np.zeros(x.size, bool) if beyond is None else beyond
+    valid, dotted = parted(y, beyond)
+    ax.plot(x, valid, label=label, **style)
+    if beyond.any():
+        ax.plot(x, dotted, **style | {"linestyle": ":"})
+        ax.plot([], [], color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
+
+
 def draw_curve(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: Any) -> None:
     """V(α) divided by `size`, dotted where the body turns by more than 90°."""
-    degrees, volume = np.rad2deg(curve.angles), curve.volume / size
-    beyond = np.zeros(degrees.size, bool) if curve.beyond is None else curve.beyond
-    valid, dotted = parted(volume, beyond)
-    ax.plot(degrees, valid, label=label, **style)
-    if beyond.any():
-        ax.plot(degrees, dotted, **style | {"linestyle": ":"})
-        ax.plot([], [], color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
+    draw_parted(ax, np.rad2deg(curve.angles), curve.volume / size, curve.beyond, label, **style)
 
 
 @house_style()
@@ -396,7 +401,7 @@ def curves_of(comparison: xr.Dataset) -> list[ShapeCurve]:
         angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
         beyond = np.isin(angles, results.alpha.values[results.turned_beyond.values])
         has_best = bool(np.isfinite([alpha, greatest]).all() and greatest > 0)
-        curves.append(ShapeCurve(str(name), angles, volume, best if has_best else None, beyond))
+        curves.append(ShapeCurve(model_title(str(name)), angles, volume, best if has_best else None, beyond))
     return curves
 
 

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.correlations import CORRELATIONS
 from erosion.impacts import ASIDE, OTHER_ENDS, Jump, Optimum
-from erosion.models import NO_CUT
+from erosion.models import BUILT_IN, NO_CUT
 from erosion.parameters import Quantity
 
 # Okabe and Ito (2008), "Color universal design": readers with any colour vision can distinguish them.
@@ -19,8 +20,8 @@ STYLES: Sequence[tuple[str, Any]] = tuple(
 )
 """Colour and line style of the first, second, … curve of a figure; dots mean that the model does not hold."""
 
-MARKS = "os^Dv<>phX*P"
-"""The mark of the first, second, … group of measurements."""
+MARKS = "os^Dv<>XPd+xph"
+"""The mark of the first, second, … group of measurements, or curve of many; a star is an optimum."""
 
 INK = "#24292f"
 FAINT = "#d0d7de"
@@ -44,6 +45,13 @@ NOTHING = OTHER_ENDS[NO_CUT]
 AT_CONTACT = "of it at contact, beside the cut"
 
 EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
+
+
+def model_title(name: str) -> str:
+    """A model as legends name it: what it says, or its name if it is not one of the package's."""
+    if name in CORRELATIONS:
+        return CORRELATIONS[name].title
+    return BUILT_IN[name].summary.replace("F_x", "Fₓ") if name in BUILT_IN else name
 
 
 def end_label(ended_by: str) -> str:

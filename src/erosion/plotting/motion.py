@@ -14,13 +14,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.interpolate import CubicSpline
 
-from erosion.impacts import BEYOND_LABEL, Trajectory
+from erosion.impacts import QUARTER_TURN, Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly
 from erosion.parameters import RESULTS, readable_scale
+from erosion.plotting.curves import draw_parted
 from erosion.plotting.dynamics import SHARES, dynamics
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, parted, round_length
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, round_length
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
@@ -81,11 +82,8 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
     ax.axhline(0, color=INK, linewidth=1)
     ax.fill_between(x, 0, depth, color=PALETTE["orange"], alpha=0.55, linewidth=0, label="cut away")
-    valid = depth
-    if trajectory.turned_beyond:
-        valid, dotted = parted(depth, np.abs(trajectory.phi - trajectory.phi[0]) > math.pi / 2)
-        ax.plot(x, dotted, ":", color=PALETTE["blue"], label=BEYOND_LABEL)
-    ax.plot(x, valid, color=PALETTE["blue"], label="path of the tip")
+    turned = np.abs(trajectory.phi - trajectory.phi[0]) > QUARTER_TURN if trajectory.turned_beyond else None
+    draw_parted(ax, x, depth, turned, "path of the tip", color=PALETTE["blue"])
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
             label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip

@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.ticker import LogFormatter
 
 from erosion.impacts import BEYOND_LABEL, OF_TURN
@@ -61,6 +62,7 @@ _WIDTH: contextvars.ContextVar[float | None] = contextvars.ContextVar("width", d
 """Of figures that are drawn for print [inch]; None for those of a screen, which have widths of their own."""
 _NARROWEST, _WIDEST = 0.05, 0.5  # m
 _UNHINTED = 400  # dpi, at which letters have the widths that they have in SVG and PDF
+_SPARE = 0.95  # of a line's room, as some letters are wider than others
 _LETTERS = 16  # of 8 pt in an inch
 # A comma or an "@" anywhere else belongs to a name: "jo@work.com/Berlin,2026.png".
 _SUFFIX = rf"\.(?:{'|'.join(FigureCanvasBase.filetypes)})"
@@ -174,30 +176,51 @@ def save_plots(make: Callable[[], Figure], files: Mapping[Path, float | None]) -
 
 @house_style()
 def fit_legends(figure: Figure) -> None:
-    """Give legends that are wider than the figure fewer columns, and smaller letters where that is not enough."""
+    """Give legends that are wider than the figure fewer columns, and break their texts where that is not enough."""
     axes = reversed(figure.axes)  # marks of the first panels have the colour of ink
     whole = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     for legend in list(figure.legends):
         title = "\n".join(textwrap.wrap(legend.get_title().get_text(), int(_LETTERS * figure.get_figwidth())))
         for columns in (2, 1):
-            extent = legend.get_window_extent()
-            if extent.width <= figure.bbox.width:
+            if _overhang(figure, legend) <= 0:
                 break
+            height = legend.get_window_extent().height
             legend.remove()
             labels = [text.get_text() for text in legend.get_texts()]
             # Those of the axes: of marks with bars the legend's own are lines.
             handles: Any = [whole.get(label, own) for label, own in zip(labels, legend.legend_handles, strict=True)]
             legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title or None)
-            growth = (legend.get_window_extent().height - extent.height) / figure.dpi
-            figure.set_figheight(figure.get_figheight() + growth)  # the axes keep their height
-        dpi = figure.get_dpi()
-        figure.set_dpi(_UNHINTED)
-        widest = max(text.get_window_extent().width for text in legend.get_texts())
-        beside = legend.get_window_extent().width - widest  # handles and gaps, which keep their size
-        share = (figure.bbox.width - beside) / widest
-        figure.set_dpi(dpi)
-        for text in () if share >= 1 else legend.get_texts():
-            text.set_fontsize(share * float(text.get_fontsize()))
+            _grow(figure, legend, height)
+        if (overhang := _overhang(figure, legend)) <= 0:
+            continue
+        height, widths = legend.get_window_extent().height, [_width(figure, text) for text in legend.get_texts()]
+        room = _SPARE * (max(widths) - overhang)
+        for text, width in zip(legend.get_texts(), widths, strict=True):
+            if width > room:
+                words = text.get_text()
+                text.set_text("\n".join(textwrap.wrap(words, max(1, int(len(words) * room / width)))))
+        _grow(figure, legend, height)
+
+
+def _width(figure: Figure, artist: Artist) -> float:
+    """The width of a part of a figure [inch]; the greatest, as hinted letters of a file in pixels are wider."""
+    dpi, widths = figure.get_dpi(), []
+    for dots in (float(mpl.rcParams["savefig.dpi"]), _UNHINTED):
+        figure.set_dpi(dots)
+        widths.append(artist.get_window_extent().width / dots)
+    figure.set_dpi(dpi)
+    return max(widths)
+
+
+def _overhang(figure: Figure, legend: Legend) -> float:
+    """By how much a legend is wider than its figure [inch]."""
+    return _width(figure, legend) - figure.get_figwidth()
+
+
+def _grow(figure: Figure, legend: Legend, height: float) -> None:
+    """Make the figure higher by what its legend has grown from this height, so that the axes keep theirs."""
+    growth = (legend.get_window_extent().height - height) / figure.dpi
+    figure.set_figheight(figure.get_figheight() + growth)
 
 
 def _suffix(path: Path) -> str:

@@ -17,21 +17,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from erosion.impacts import BEYOND_LABEL
+from erosion.impacts import BEYOND_LABEL, QUARTER_TURN
 from erosion.models import NO_CUT
 from erosion.parameters import QUANTITIES, Scale, System, readable_scale
-from erosion.plotting.curves import curves_of, draw_curve, mark_best
+from erosion.plotting.curves import curves_of, draw_curve, draw_parted, mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
     ENDS,
     INK,
+    MARKS,
     NOTHING,
     PALETTE,
     STYLES,
-    coinciding,
     describe,
     end_label,
+    model_title,
 )
 from erosion.plotting.style import (
     PlainNumbers,
@@ -48,8 +49,8 @@ from erosion.results import Finding, from_attribute
 from erosion.sweeps.grid import in_words
 
 _BESIDE = 5.0  # inches; two panels of a narrower figure are below each other
-_DASH = 4.0  # in widths of a line; the gap beside it is as long for each curve below
-_HIDDEN = 0.25  # share of a curve, from which on it is dashed
+_APART = 0.3  # of the panel's diagonal, between the marks of a curve
+_GOLDEN = 0.618  # of this distance, from the marks of a curve to those of the next: so all lie apart
 _HATCH = "////"
 _BOUNDARY = 1.2  # width of a line
 _SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
@@ -61,16 +62,17 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
 
     The area below what is removed at contact, as by deformation, is shaded in the model's colour.
     """
-    curves, volume, degrees = curves_of(comparison), comparison.volume.values, np.rad2deg(comparison.alpha.values)
-    fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * (-(-len(curves) // 2)))
+    curves, degrees = curves_of(comparison), np.rad2deg(comparison.alpha.values)
+    fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * len(curves))
     scale = readable_scale("volume", comparison.attrs["unit_system"], float(np.nanmax(comparison.volume_max)))
     shares: list[Any] = []
-    for i, (curve, below) in enumerate(zip(curves, coinciding(volume, _HIDDEN), strict=True)):
-        color, line = STYLES[i % len(STYLES)]
-        if below:  # dashes through whose gaps these are seen
-            line = (0, (_DASH, _DASH * len(below)))
+    for i, curve in enumerate(curves):
+        (color, line), mark = STYLES[i % len(STYLES)], MARKS[i % len(MARKS)]
+        # The marks lie beside each other where curves coincide.
+        marks = {"marker": mark, "markersize": 5, "markevery": (_APART * ((i + 0.3) * _GOLDEN % 1), _APART)}
         label = f"{curve.label}: {NOTHING if curve.best is None else describe(curve.best)}"
-        draw_curve(ax, curve, scale.size, label, color=color, linestyle=line, linewidth=1.8)
+        draw_curve(ax, curve, scale.size, label, color=color, linestyle=line, linewidth=1.6,
+                   **(marks if len(curves) > 1 else {}))  # fmt: skip
         results = comparison.isel(model=i)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.
@@ -82,7 +84,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     top = 1.06 * float(np.nanmax([comparison.volume_max.max(), comparison.volume.max()])) / scale.size
     ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
-    legend_below(ax, 1 if len(curves) < 4 else 2, [*ax.get_legend_handles_labels()[0], *shares])
+    legend_below(ax, 1, [*ax.get_legend_handles_labels()[0], *shares])
     return fig
 
 
@@ -158,9 +160,10 @@ class _Plane:
 
     def _hatch(self, ax: Axes, ink: str) -> list[Artist]:
         """Hatch the region of the cuts that turn the body too far."""
-        if "turned_beyond" not in self.found:
+        turned = _turned(self.found)
+        if turned is None:
             return mark_turned(ax, _findings(self.found))
-        flags = self.found.turned_beyond.values
+        flags = turned.values
         if not flags.any():
             return []
         region = ax.contourf(
@@ -302,18 +305,22 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     axis = _axis(sweep, along)
     other_dims = [str(dim) for dim in sweep.volume.dims if dim != along]
     curves = sweep.volume.transpose(..., along).values.reshape(-1, len(axis.values)) / scale.size
-    labels = _labels(sweep, other_dims[0]) if other_dims else [sweep.attrs.get("model", "")]
+    labels = _labels(sweep, other_dims[0]) if other_dims else [model_title(sweep.attrs.get("model", ""))]
+    turned = _turned(sweep)
+    beyond = [None] * len(curves) if turned is None else turned.transpose(..., along).values.reshape(curves.shape)
     colors = list(PALETTE.values())
     if len(curves) > _FEW:
         colors = [mpl.colormaps["viridis"](fraction) for fraction in np.linspace(0, 0.92, len(curves))]
-    for curve, label, color in zip(curves, labels, colors, strict=False):
-        ax.plot(axis.values, curve, color=color, label=label, marker="" if len(curve) > 1 else "o")
+    for curve, dotted, label, color in zip(curves, beyond, labels, colors, strict=False):
+        draw_parted(ax, axis.values, curve, dotted, label, color=color, marker="" if len(curve) > 1 else "o")
     axis.apply(ax.xaxis)
     ax.set(ylabel=result_label("volume", scale), ylim=(0, None))
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
-    handles = [*ax.get_legend_handles_labels()[0][shown], *mark_turned(ax, _findings(sweep))]
-    legend_below(ax, 3, handles)
+    handles = {handle.get_label(): handle for handle in ax.get_legend_handles_labels()[0]}
+    entries = [*labels[shown], *(label for label in (BEYOND_LABEL,) if label in handles)]
+    legend_below(ax, 3, [handles[label] for label in entries]
+                 + (mark_turned(ax, _findings(sweep)) if turned is None else []))  # fmt: skip
     return ax
 
 
@@ -325,6 +332,13 @@ def plot_sweep_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
     if handles := plane.draw_regions(ax, "white"):
         legend_below([ax], 2, handles)
     return ax
+
+
+def _turned(sweep: xr.Dataset) -> xr.DataArray | None:
+    """Where the body turns by more than 90°; None where the sweep does not hold it."""
+    if "turned_beyond" in sweep:
+        return sweep.turned_beyond
+    return sweep.turn > QUARTER_TURN if "turn" in sweep else None
 
 
 def _findings(sweep: xr.Dataset) -> tuple[Finding, ...]:
@@ -369,7 +383,7 @@ def _is_geometric(values: np.ndarray) -> bool:
 
 def _labels(sweep: xr.Dataset, name: str) -> list[str]:
     if sweep[name].dtype.kind != "f":
-        return [str(value) for value in sweep[name].values]
+        return [model_title(str(value)) for value in sweep[name].values]
     axis = _axis(sweep, name)
     unit = axis.label.partition("[")[2].rstrip("]")
     return [

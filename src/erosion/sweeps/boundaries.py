@@ -88,31 +88,34 @@ def with_turned(found: xr.Dataset, dims: tuple[str, ...], turned: np.ndarray) ->
 
 
 def with_boundaries(grid: Grid, found: xr.Dataset) -> xr.Dataset:
-    """A sweep of one model over two parameters, with the lines across which its results change.
+    """A sweep with the cuts in which the body turns too far, and with the lines across which its results change.
 
     Args:
         grid: of the sweep.
         found: its results.
 
     Returns:
-        The same with `turned_beyond`, `end_boundary` and `turn_boundary`, and with `best_boundary` if it has a best
-        angle at each point. A boundary holds pieces of lines: their two ends, in the units of the parameters, whose
-        names are along "axis". A sweep over other axes is returned as it is.
+        The same with `turned_beyond`. Of one model over two parameters also with `end_boundary` and `turn_boundary`,
+        and with `best_boundary` if it has a best angle at each point. A boundary holds pieces of lines: their two ends,
+        in the units of the parameters, whose names are along "axis".
     """
+    shape = grid.shape
+    of_model = shape[1:] if grid.compared else shape
+    turned = [np.broadcast_to(turned_beyond(*grid.impacts(model)), of_model) for model in grid.loaded().values()]
+    found = with_turned(found, grid.dims, np.reshape(turned, shape))
     if len(grid.dims) != 2 or grid.dims != tuple(grid.axes):
         return found
     (model,), (y, x) = grid.loaded().values(), grid.dims
-    shape = tuple(grid.lengths.values())
     for name, (kinds_of, meaning) in _KINDS.items():
         if name == "best_boundary" and not ("alpha_max" in found and found.alpha_max.ndim == len(shape)):
             continue
-        kinds = np.broadcast_to(kinds_of(*grid.impacts(model), grid.outputs), shape)
+        kinds = found.turned_beyond.values
+        if kinds_of is not _turned:
+            kinds = np.broadcast_to(kinds_of(*grid.impacts(model), grid.outputs), shape)
 
         def kind_at(across: np.ndarray, up: np.ndarray, kinds_of: _KindsOf = kinds_of) -> np.ndarray:
             return kinds_of(*with_values(model, grid.p, {x: across, y: up}), grid.outputs)
 
-        if kinds_of is _turned:
-            found = with_turned(found, grid.dims, kinds)
         pieces = boundary(grid.axes[x], grid.axes[y], kinds, kind_at)
         found = found.assign_coords(axis=[x, y]).assign(
             {name: ((f"{name}_piece", "end", "axis"), pieces, {"long_name": meaning})}

@@ -13,7 +13,7 @@ from erosion.models.rigid import StraightCut
 from erosion.output import Record
 from erosion.parameters import QUANTITIES
 from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_family, plot_shapes, plot_turn
-from erosion.plotting.labels import coinciding
+from erosion.plotting.labels import coinciding, model_title
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (
     LINEARIZED,
@@ -313,7 +313,7 @@ def all_models(case: ReportCase) -> Answer:
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
         "hidden": {model: list(BUILT_IN)[below[0]] for model, below in zip(BUILT_IN, hidden, strict=True) if below},
     }
-    titles = {model: info.summary.replace("F_x", "Fₓ") for model, info in BUILT_IN.items()}
+    titles = {model: model_title(model) for model in BUILT_IN}
     drawn = {model: f"{title} ({model})" for model, title in titles.items() if model not in fields["hidden"]}
     figures = {
         "models": panel(plot_family, case.curves(drawn), width=6.4, height=7.2, units=case.units, columns=1),
