@@ -375,6 +375,8 @@ def test_few_values_of_a_second_axis_are_a_family():
     assert [line.get_label() for line in ax.lines] == ["k = 1", "k = 2"]
     ax = plot_sweep(make(v0=[2200.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["v₀ = 2200 in/s"]
+    ax = plot_sweep(make(v0=[6543.21, 14437.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
+    assert [line.get_label() for line in ax.lines] == ["v₀ = 6543 in/s", "v₀ = 14437 in/s"]
 
 
 @pytest.mark.parametrize(("name", "maxima"), [("v0", 0), ("r", 1)])

@@ -352,6 +352,7 @@ def _sweep_units(sweep: xr.Dataset) -> System:
 
 
 _BEST = "best angle  [°]"
+_LARGE = 1e4  # from which on four digits would need a power of ten
 _EQUAL = 1e-6  # relative difference of the steps of an axis
 
 
@@ -386,7 +387,8 @@ def _labels(sweep: xr.Dataset, name: str) -> list[str]:
         return [model_title(str(value)) for value in sweep[name].values]
     axis = _axis(sweep, name)
     unit = axis.label.partition("[")[2].rstrip("]")
+    space = "" if unit == "°" else " "
     return [
-        f"{sweep[name].attrs['symbol']} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip()
+        f"{sweep[name].attrs['symbol']} = {value:{'.0f' if abs(value) >= _LARGE else '.4g'}}{space}{unit}".rstrip()
         for value in axis.values
     ]
