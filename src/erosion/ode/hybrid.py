@@ -183,7 +183,7 @@ class Transitions:
             return results
 
         ends = [self.here.ends(i, value_and_tangents[0]) if i in chains else jnp.asarray(True) for i in self.own]
-        survives = jnp.logical_not(of_event(event, ends, jnp.asarray(False)))
+        survives = jnp.logical_not(_flag_of(event, ends))
         return instant._replace(
             value_and_tangents=chosen(
                 fires, equations.pack(equations.of(after, value_and_tangents)), value_and_tangents
@@ -548,7 +548,7 @@ class Transitions:
             state: tuple[Instant, list[Scalar], list[Flag], Flag, Scalar, Scalar],
         ) -> tuple[Instant, list[Scalar], list[Flag], Flag, Scalar, Scalar]:
             instant, old, rested, by_resets, event, rounds = state
-            crossed, come = (of_event(event, flags, jnp.asarray(False)) for flags in due(instant, old, rested))
+            crossed, come = (_flag_of(event, flags) for flags in due(instant, old, rested))
             at_zero = of_event(event, values(instant), 1.0) == 0
             at_zero = at_zero if begins else jnp.logical_and(at_zero, ~come)
             instant = self._also(instant, event, crossed | come, at_zero=at_zero, own_time=come)
@@ -567,13 +567,12 @@ class Transitions:
     def at_start(self, instant: Instant) -> tuple[Instant, Flag]:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
         before, past = self.here.events(instant.value_and_tangents[0])[: len(self.own)], self._past(instant)
-        never = jnp.asarray(False)
 
         def asked(at: tuple[Instant, Scalar]) -> tuple[Instant, Scalar]:
             instant, event = at
             value = of_event(event, before, 0.0)
-            own_time = of_event(event, [jnp.asarray(i in self.scheduled) for i in self.own], never) & (value != 0)
-            happens = of_event(event, past, never) & of_event(event, self._past(instant), never)
+            own_time = _flag_of(event, [jnp.asarray(i in self.scheduled) for i in self.own]) & (value != 0)
+            happens = _flag_of(event, past) & _flag_of(event, self._past(instant))
             return self._also(instant, event, happens, at_zero=value == 0, own_time=own_time), event + 1
 
         instant, _ = lax.while_loop(lambda at: at[1] < len(self.own), asked, (instant, 0 * instant.count))
@@ -777,6 +776,12 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
     last = lax.while_loop(lambda so_far: so_far.goes_on, flown, begun)
     outputs = equations.of(outputs_of, last.segment.value_and_tangents)
     return last.segment, AtEvent(equations.unpack(last.elapsed), outputs, last.amplification), last.written
+
+
+def _flag_of(event: Scalar, flags: Sequence[Flag]) -> Flag:
+    """The flag of an event, from those of all."""
+    each = [(event == i) & flag for i, flag in enumerate(flags)]
+    return functools.reduce(jnp.logical_or, each, jnp.asarray(False))
 
 
 def _itself(at: Augmented, _: Motion) -> Augmented:
