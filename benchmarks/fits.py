@@ -51,7 +51,7 @@ FITTED = {
 DEGREES, STEP = np.linspace(5.0, 88.0, 50, retstep=True)
 NOISE = 0.03  # of the greatest volume
 
-ROWS, ERROR = 12, 5e-6  # errors [in³], 5 % of the greatest volume at Table 1
+ROWS, ERROR = 12, 8e-11  # errors [m³], 5 % of the greatest volume at Table 1
 DRAWS, THINNED = 125, 5  # of each population; every fifth is independent of the next
 BINS = 20
 LEVEL = 0.9
@@ -61,9 +61,9 @@ FREE = {"linearized": ("k", "psi"), "rotating": ("k", "psi"), "rotating-tan-alph
 PRIORS: Mapping[str, Any] = {
     "k": stats.lognorm(0.3, scale=2.0),
     "psi": stats.lognorm(0.3, scale=0.04),
-    "r": stats.lognorm(0.3, scale=0.04),
+    "r": stats.lognorm(0.3, scale=1e-3),
 }
-NOISES = {"noise": stats.loguniform(1e-6, 2e-5), "relative_noise": stats.loguniform(0.01, 0.2)}
+NOISES = {"noise": stats.loguniform(1.6e-11, 3.3e-10), "relative_noise": stats.loguniform(0.01, 0.2)}
 
 MISSING = "linearized-deformation"  # with a discrepancy
 OF_MISSING: Mapping[str, Any] = {
@@ -114,8 +114,8 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         p = dataclasses.replace(erosion.TABLE_1, alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
         volume = erosion.impact(model, p).volume
         error = np.full(ROWS, ERROR) if known else np.hypot(truth["noise"], truth["relative_noise"] * volume)
-        data = {"angle [deg]": degrees, "volume [in^3/impact]": volume + error * rng.standard_normal(ROWS)}
-        data |= {"uncertainty [in^3]": error} if known else {}
+        data = {"angle [deg]": degrees, "volume [m^3/impact]": volume + error * rng.standard_normal(ROWS)}
+        data |= {"uncertainty [m^3]": error} if known else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.ConvergenceWarning)  # R̂ of 125 draws passes 1.01 by chance
             samples = erosion.posterior(
@@ -271,16 +271,16 @@ def made_up(law: _Law, index: int, key: int) -> tuple[dict[str, np.ndarray], Que
 
 def fitted(model: str, sets: int) -> dict[str, np.ndarray]:
     """Whether intervals of a fit hold the truth, by parameter."""
-    truth, held = erosion.TABLE_1, {name: np.zeros(sets, bool) for name in FITTED[model]}
-    guess = truth.replace(k=3.0, psi=0.06, **({"r": 0.05} if "r" in held else {}))
+    truth, held = erosion.TABLE_1.to("si"), {name: np.zeros(sets, bool) for name in FITTED[model]}
+    guess = truth.replace(k=3.0, psi=0.06, **({"r": 1.25e-3} if "r" in held else {}))
     for seed in range(sets):
         random = np.random.default_rng(seed)
         # Each set has its own angles: a jump of V(α) may lie between any two rows.
         degrees = DEGREES + random.uniform(-STEP / 2, STEP / 2, DEGREES.size)
         exact = np.asarray(erosion.impact(model, truth.replace(alpha=np.deg2rad(degrees))).volume)
         error = np.full(degrees.size, NOISE * exact.max())
-        data = {"angle [deg]": degrees, "volume [in^3/impact]": exact + error * random.standard_normal(degrees.size)}
-        intervals = calibrate(FitProblem(model, guess, data | {"uncertainty [in^3]": error}, FITTED[model])).intervals()
+        data = {"angle [deg]": degrees, "volume [m^3/impact]": exact + error * random.standard_normal(degrees.size)}
+        intervals = calibrate(FitProblem(model, guess, data | {"uncertainty [m^3]": error}, FITTED[model])).intervals()
         for name, (low, high) in intervals.items():
             held[name][seed] = low <= float(getattr(truth, name)) <= high
     return held

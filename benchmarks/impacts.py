@@ -8,7 +8,7 @@ import numpy as np
 import erosion
 from benchmarks.ode_problems import Case, Lanes
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
 
 
 class RotatingImpact(Case):
@@ -80,7 +80,7 @@ def volume_unit(p: erosion.Parameters) -> np.ndarray:
 def usual(count: int, seed: int) -> erosion.Parameters:
     """Random impacts about Table 1, a fifth of them without spin."""
     random = np.random.default_rng(seed)
-    v0, r = random.uniform(1000, 10_000, count), float(P.r) * np.exp(random.uniform(-2, 2, count))
+    v0, r = random.uniform(25, 250, count), float(P.r) * np.exp(random.uniform(-2, 2, count))
     spin = np.where(random.random(count) < 0.2, 0.0, random.uniform(-0.9, 0.9, count))
     return P.replace(
         k=np.exp(random.uniform(np.log(0.3), np.log(5), count)),

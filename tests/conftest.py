@@ -34,6 +34,9 @@ if os.environ.get("EROSION_CHECK_TYPES") == "1":
     # Before any other module of the package is imported.
     install_import_hook("erosion", "beartype.beartype").__enter__()
 
+# A volume in m³ is 1e-9: the usual absolute tolerance of 1e-12 would hide a part in a thousand of it.
+type(pytest.approx(0.0)).DEFAULT_ABSOLUTE_TOLERANCE = 0.0
+
 ENTRIES_OF_NO_TEST = pytest.StashKey[list[str]]()
 
 

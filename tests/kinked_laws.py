@@ -90,7 +90,7 @@ def model_of(law: type[_OfDepth]) -> erosion.models.Rotating:
 
 def random_impacts(count: int, seed: int) -> erosion.Parameters:
     """Impacts at random about Table 1, slow and fast, spinning either way."""
-    random, p = np.random.default_rng(seed), erosion.TABLE_1
+    random, p = np.random.default_rng(seed), erosion.TABLE_1.to("si")
     return p.replace(
         alpha=random.uniform(0.02, 1.5, count),
         k=random.uniform(0.5, 4, count),

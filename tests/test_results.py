@@ -20,7 +20,8 @@ import erosion
 from erosion import ode
 from erosion.cfd.map_result import MapSummary
 from erosion.output.tables import to_json, to_plain
-from erosion.results import Columns, Declared, Result, Value, ValueGroup, from_attribute, render
+from erosion.parameters.quantities import SYSTEMS
+from erosion.results import Columns, Declared, Result, System, Value, ValueGroup, from_attribute, in_unit, render
 from erosion.sweeps.summary import Comparison, SweepSummary
 from tests.cfd.tables import Table, hump
 
@@ -37,7 +38,7 @@ DROP = ode.Problem(
 def data() -> dict[str, np.ndarray]:
     """Measured volumes of the linearized model."""
     degrees = np.array([10.0, 20.0, 30.0, 45.0, 60.0, 75.0])
-    volume = np.asarray(erosion.impact("linearized", P.replace(alpha=np.deg2rad(degrees))).volume)
+    volume = np.asarray(erosion.impact("linearized", P.replace(alpha=np.deg2rad(degrees))).volume) / 0.0254**3
     error = 0.05 * volume.max()
     measured = volume + error * np.random.default_rng(1).standard_normal(6)
     return {"angle [deg]": degrees, "volume [in^3/impact]": measured, "uncertainty [in^3]": np.full(6, error)}
@@ -156,6 +157,13 @@ def flat(declared: Sequence[Declared]) -> Iterator[Value]:
             yield item
 
 
+def in_display(value: Value, system: System) -> tuple[Any, str]:
+    """What a value is in tables, JSON and CSV, and its unit there."""
+    if value.measure is None:
+        return to_plain(value.value), value.unit
+    return to_plain(in_unit(value.value, value.measure.size(system))), value.measure.unit(system)
+
+
 def is_numeric(plain: Any) -> bool:
     """Whether it is a number or numbers, of the same count in each row."""
     numbers = np.ravel(np.array(plain, dtype=object))
@@ -188,31 +196,31 @@ def test_it_is_numbers_by_name(kind: str) -> None:
 @pytest.mark.parametrize("kind", MAKERS)
 def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
     result = made(kind)
-    numbers, document = result.to_dict(), render.record(result.declare(), has_units=True)
+    numbers, document = result.to_dict(), render.record(result.declare(), result.shown_in, has_units=True)
     dataset, columns = result.to_dataset(), list(csv.DictReader(result.to_csv().splitlines()))
     assert document.keys() <= numbers.keys()
     for part in parts(result.declare()):
-        np.testing.assert_equal(numbers[part.name], render.record(part.values))
+        np.testing.assert_equal(numbers[part.name], render.record(part.values, result.shown_in))
         for value in part.values:
             if isinstance(value, Value) and f"{part.name}_{value.name}" in dataset:
                 stored = dataset[f"{part.name}_{value.name}"]
                 np.testing.assert_equal(stored.values.tolist(), to_plain(value.value))
-                assert stored.attrs.get("units", "") == value.unit
+                assert stored.attrs.get("units", "") == in_display(value, "si")[1]
     assert [finding["code"] for finding in numbers["findings"]] == [finding.code for finding in result.findings]
     assert [each.code for each in from_attribute(dataset.attrs["findings"])] == [each.code for each in result.findings]
     for value in values(result):
-        plain = to_plain(value.value)
+        (plain, unit), (in_si, unit_in_si) = in_display(value, result.shown_in), in_display(value, "si")
         np.testing.assert_equal([*numbers[value.name].values()] if value.labels else numbers[value.name], plain)
-        assert numbers["units"].get(value.name, "") == value.unit
-        if value.unit:
-            assert document[value.name] == {"value": numbers[value.name], "unit": value.unit}
+        assert numbers["units"].get(value.name, "") == unit
+        if unit:
+            np.testing.assert_equal(document[value.name], {"value": numbers[value.name], "unit": unit})
         if is_numeric(plain) or value.name in dataset:
-            np.testing.assert_equal(dataset[value.name].values.tolist(), plain)
-            assert dataset[value.name].attrs.get("units", "") == value.unit
-        heading = f"{value.name} [{value.unit}]" if value.unit not in ("", "1") else value.name
+            np.testing.assert_equal(dataset[value.name].values.tolist(), in_si)
+            assert dataset[value.name].attrs.get("units", "") == unit_in_si
+        heading = f"{value.name} [{unit}]" if unit not in ("", "1") else value.name
         if value.labels and value.name in dataset:
             (dim,) = dataset[value.name].dims
-            np.testing.assert_equal([dataset[value.name].sel({dim: label}).item() for label in value.labels], plain)
+            np.testing.assert_equal([dataset[value.name].sel({dim: label}).item() for label in value.labels], in_si)
         elif is_numeric(plain) and heading in columns[0] and not follows_columns(result):
             in_lines = [float(line[heading]) for line in columns]
             np.testing.assert_equal(in_lines, np.broadcast_to(plain, shape_of_lines(result)).ravel().tolist())
@@ -268,13 +276,13 @@ def test_a_word_or_number_that_is_not_known_is_a_gap_in_files() -> None:
     declared = [Columns("models", "Models", [Value("end", words), Value("volume", numbers, unit="m^3")])]
     dataset, lines = (
         render.dataset("", declared, {}),
-        list(csv.DictReader(render.csv(declared, ["models"]).splitlines())),
+        list(csv.DictReader(render.csv(declared, "si", ["models"]).splitlines())),
     )
     assert_known_alike(dataset.models_end.values.tolist(), words)
     assert_known_alike(dataset.models_volume.values.tolist(), numbers)
     assert [line["end"] for line in lines] == ["stop", ""]
     assert [line["volume [m^3]"] for line in lines] == ["nan", "2.0"]
-    assert render.record(declared)["models"][1] == {"end": None, "volume": 2.0}
+    assert render.record(declared, "si")["models"][1] == {"end": None, "volume": 2.0}
 
 
 def assert_known_alike(stored: list[Any], values: list[Any]) -> None:
@@ -298,4 +306,33 @@ def test_a_table_has_the_numbers_in_other_units_alone(kind: str) -> None:
             shown = registry.Quantity(float(row["value"].partition(" ")[0].replace(",", "")) * of_unit)
             # With its standard error a number has its digits down to the second of the error.
             expected = pytest.approx(value.value, rel=2e-4, abs=0.06 * (value.error or 0.0))
-            assert shown.to(value.unit or "").magnitude == expected, value.name
+            assert shown.to(in_display(value, "si")[1]).magnitude == expected, value.name
+
+
+def quantities_in(document: Any) -> Iterator[dict[str, Any]]:
+    """Each number with its unit in a document."""
+    if isinstance(document, dict) and document.keys() == {"value", "unit"}:
+        yield document
+    elif isinstance(document, (dict, list, tuple)):
+        for each in document.values() if isinstance(document, dict) else document:
+            yield from quantities_in(each)
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_both_unit_systems_show_equal_quantities(kind: str) -> None:
+    registry: Any = pint.UnitRegistry()
+    registry.define("bit = []")
+    of_each = [[*quantities_in(render.record(made(kind).declare(), system, has_units=True))] for system in SYSTEMS]
+    for one, other in zip(*of_each, strict=True):
+        factor = float(registry.Quantity(1.0, other["unit"]).to(one["unit"]).magnitude)
+        for there, here in zip(numbers_in(one["value"]), numbers_in(other["value"]), strict=True):
+            assert there == pytest.approx(here * factor, rel=1e-12, abs=0, nan_ok=True)
+
+
+def numbers_in(plain: Any) -> list[float]:
+    """The numbers of a number, list or record."""
+    if isinstance(plain, (dict, list, tuple)):
+        return [
+            number for each in (plain.values() if isinstance(plain, dict) else plain) for number in numbers_in(each)
+        ]
+    return [] if plain is None or isinstance(plain, str) else [float(plain)]

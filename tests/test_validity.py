@@ -120,7 +120,7 @@ def test_a_verb_says_where_the_body_turns_too_far(verb: str, shell: Shell, tmp_p
 
 def test_a_prediction_says_so_where_it_is_asked_and_a_fit_where_it_was_measured(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").write_text(ROWS)
-    data = erosion.read_measurements(tmp_path / "rows.csv", P.units)
+    data = erosion.read_measurements(tmp_path / "rows.csv", P.shown_in)
     fit = erosion.calibrate(erosion.FitProblem("rotating", P, data, free=["psi"]))
     (turned,) = (finding for finding in fit.findings if finding.code in OF_TURN)
     assert (turned.numbers["turned"], turned.numbers["impacts"]) == (2, 3)

@@ -3,9 +3,9 @@
 A law is a frozen distribution of `scipy.stats`, or any other object with `ppf(u)` and `cdf(x)`, such as `Samples`::
 
     from scipy import stats
-    erosion.stream("rotating", p, alpha=stats.norm(0.35, 0.05), v0=stats.lognorm(0.1, scale=4400))
+    erosion.stream("rotating", p, alpha=stats.norm(0.35, 0.05), v0=stats.lognorm(0.1, scale=110))
 
-As text, on the command line and in case files:
+Their numbers are in SI. As text, on the command line and in case files:
 
     normal(20deg, 3deg)                 mean, standard deviation
     lognormal(100 m/s, 0.2)             median, standard deviation of the logarithm
@@ -31,7 +31,7 @@ from scipy import special, stats
 from erosion import tables
 from erosion.arguments import NUMBERS, real_numbers, refuse
 from erosion.output import briefly, digest
-from erosion.parameters import Dimension, Quantity, System, has_unit, read_quantity, table_scale
+from erosion.parameters import QUANTITIES, Dimension, InSI, Quantity, System, has_unit, read_quantity, table_scale
 from erosion.parameters.quantities import ascii_unit, unit_name
 from erosion.results import Finding
 from erosion.tables.headings import of_parameters, of_weights
@@ -56,7 +56,7 @@ class RosinRammler:
     it has no finite total without a least size.
 
     Args:
-        scale: the size of which 1/e of the mass is coarser [of the parameter], > 0.
+        scale: the size of which 1/e of the mass is coarser, > 0.
         spread: n > 0; 1 is broad, 4 narrow.
         least: the finest size in the abrasive, > 0: the last sieve's.
 
@@ -227,7 +227,7 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
     Args:
         law: of one parameter.
         dimension: of the parameter.
-        system: the units of the law's numbers.
+        system: the unit system that shows the law's numbers.
     """
     if isinstance(law, Samples):
         return f"{len(law.values):,} values of {law.source}"
@@ -242,19 +242,18 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
     return f"{described[0]}({', '.join(numbers)})"
 
 
-def law_as_typed(law: Any, dimension: Dimension, system: System) -> str:
+def law_as_typed(law: Any, dimension: Dimension) -> str:
     """The text from which `read_law` makes a law again, to nine digits; empty for a law that text does not name.
 
     Args:
         law: of one parameter.
         dimension: of the parameter.
-        system: the units of the law's numbers.
     """
     if isinstance(law, Samples):
         return f"samples({law.source})"
 
     def typed(number: float, of: Dimension) -> str:
-        return f"{number:.9g} {ascii_unit(unit_name(of, system)).removeprefix('1')}".rstrip()
+        return f"{number:.9g} {ascii_unit(unit_name(of, 'si')).removeprefix('1')}".rstrip()
 
     return _as_text(law, typed, dimension) or ""
 
@@ -300,10 +299,9 @@ class JointSamples:
     """Samples of several parameters, drawn together: all parameters of a particle come from one row of a table.
 
     Args:
-        columns: by parameter, its values, all of the same shape (samples,) or with the same number of values: measured
-            impacts, or draws of a posterior (`Posterior.joint_samples`).
+        columns: by parameter, its values [SI], all of the same shape (samples,) or with the same number of values:
+            measured impacts, or draws of a posterior (`Posterior.joint_samples`).
         source: words for the table.
-        units: the unit system of the values; a case in another one refuses them. Without it they are the case's.
         unused: the heads of other columns of the table.
         tested: of a fit's draws, the least and the greatest "alpha" [rad] of its rows, and so on; see `Tested`.
 
@@ -314,7 +312,6 @@ class JointSamples:
 
     columns: Mapping[str, Any]
     source: str = "a table"
-    units: System | None = None
     unused: tuple[str, ...] = ()
     tested: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict[str, tuple[float, float]])
 
@@ -521,7 +518,7 @@ class JointLaw:
 
         Args:
             quantities: of the parameters; those of others are pure numbers.
-            system: the units of the laws' numbers.
+            system: the unit system that shows the laws' numbers.
         """
         words = {}
         for name, law in self.marginals.items():
@@ -541,16 +538,6 @@ class JointLaw:
         parts += [(*table.columns, digest(b"".join(values.tobytes() for values in table.columns.values())))
                   for table in self.samples]  # fmt: skip
         return digest(repr(parts).encode())
-
-    def require_units(self, units: System) -> None:
-        """Refuse samples in other units than those of the case that takes them.
-
-        Raises:
-            ValueError: naming the table.
-        """
-        for table in self.samples:
-            if table.units not in (None, units):
-                raise ValueError(f"The rows of {table.source} are in {table.units}, but the case is in {units}.")
 
     @property
     def unused_columns(self) -> list[Finding]:
@@ -573,14 +560,18 @@ def joint_law(
     argument: str = "laws",
     correlation: Mapping[tuple[str, str], float] | None = None,
     samples: JointSamples | Mapping[str, Any] | None = None,
+    known: Mapping[str, Quantity] = QUANTITIES,
+    shown_in: System = "si",
 ) -> JointLaw:
-    """The joint law of what an argument may be: a mapping of laws, samples, a joint law, or None for no law.
+    """The joint law [SI] of what an argument may be: a mapping of laws, samples, a joint law, or None for no law.
 
     Args:
         laws: the argument.
         argument: its name.
         correlation: see `JointLaw`.
         samples: of other parameters, drawn together; arrays by parameter.
+        known: see `refuse_laws`.
+        shown_in: the same.
 
     Raises:
         TypeError, ValueError: for what is none of these.
@@ -601,8 +592,30 @@ def joint_law(
          f"`samples` must be arrays by parameter, but is {briefly(samples)}."),
         kind=TypeError,
     )  # fmt: skip
+    for bare in (laws, samples):
+        if isinstance(bare, Mapping):
+            refuse_laws(bare, known, shown_in)
     together = JointSamples(samples, "samples") if isinstance(samples, Mapping) else samples
     return JointLaw(laws or {}, correlation or {}, () if together is None else (together,))
+
+
+def refuse_laws(laws: Mapping[str, Any], known: Mapping[str, Quantity], shown_in: System) -> None:
+    """Refuse laws and samples of quantities that have other units beside a case in these; those of an `InSI` pass.
+
+    Args:
+        laws: by parameter.
+        known: the quantities; laws of other parameters are not looked at.
+        shown_in: the unit system that shows the case.
+
+    Raises:
+        ValueError: naming the first, and the line to type.
+    """
+    for name in laws if not isinstance(laws, InSI) else ():
+        if name in known and known[name].size(shown_in) != 1:
+            raise ValueError(
+                f"Argument `{name}` must come with a case that is shown in SI, as laws and samples are in SI, but the "
+                f'case is shown in {shown_in} units: give `p.to("si")`.'
+            )
 
 
 _CALL = re.compile(r"\s*(?P<name>[a-z-]+)\s*\((?P<arguments>.*)\)\s*", re.DOTALL)
@@ -618,14 +631,14 @@ def numbers_with_unit(text: str) -> list[str]:
             if keyword not in _PURE]  # fmt: skip
 
 
-def read_law(text: str, name: str, dimension: Dimension, system: System) -> Any:
-    """A law from text such as "normal(20deg, 3deg)"; None where the text is no such call.
+def read_law(text: str, name: str, dimension: Dimension, bare: System = "si") -> Any:
+    """A law [SI] from text such as "normal(20deg, 3deg)"; None where the text is no such call.
 
     Args:
         text: as in the module's description.
         name: the parameter, which names the column of a file of samples.
         dimension: of the parameter.
-        system: the units of bare numbers and of the result.
+        bare: the unit system of bare numbers.
 
     Raises:
         ValueError: with a clause that starts with "must", to follow the parameter's name.
@@ -635,7 +648,7 @@ def read_law(text: str, name: str, dimension: Dimension, system: System) -> Any:
         return None
     if call["name"] == "samples":
         path = call["arguments"].strip()
-        columns, unused = _read_columns(path, {name: dimension}, system)
+        columns, unused = _read_columns(path, {name: dimension})
         if name not in columns:
             there = briefly(", ".join([*columns, *unused]))
             raise ValueError(f"must name a table with a column `{name}`, but the columns of {path} are {there}")
@@ -652,32 +665,31 @@ def read_law(text: str, name: str, dimension: Dimension, system: System) -> Any:
     if not all(has_unit(argument) for argument, of in given if of == "angle"):
         spelled = ", ".join(f"{a}deg" if of == "angle" and not has_unit(a) else a for a, of in given)
         raise ValueError(f"must have units in its angles, such as {call['name']}({spelled}), but is {briefly(text)}")
-    values = [read_quantity(argument, of, system) for argument, of in given]
+    values = [read_quantity(argument, of, bare) for argument, of in given]
     try:
         return named(*values)
     except ValueError as error:
         raise ValueError(f"must be a law, but is {text.strip()!r}: {str(error).rstrip('.')}") from error
 
 
-def read_samples(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> JointSamples:
+def read_samples(path: str | Path, quantities: Mapping[str, Quantity]) -> JointSamples:
     """The columns of a table that bear names of parameters, with their units: "alpha [deg], v0 [m/s]".
 
     Args:
         path: of the file.
         quantities: what parameters there are.
-        system: the units of the result.
 
     Raises:
         ValueError: with a clause that starts with "must".
     """
-    columns, unused = _read_columns(path, {name: quantity.dimension for name, quantity in quantities.items()}, system)
+    columns, unused = _read_columns(path, {name: quantity.dimension for name, quantity in quantities.items()})
     if not columns:
         raise ValueError(f"must have columns of parameters in {path}, such as `alpha [deg]`, but has none")
     return JointSamples(columns, str(path), unused=unused)
 
 
 def _read_columns(
-    path: str | Path, dimensions: Mapping[str, Dimension], system: System
+    path: str | Path, dimensions: Mapping[str, Dimension]
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The columns of a table that are called as parameters, with their units, and the headings of the others.
 
@@ -686,16 +698,13 @@ def _read_columns(
     Args:
         path: of the table.
         dimensions: of the parameters, by name.
-        system: the units of the result.
 
     Raises:
         ValueError: with a clause that starts with "must", for a column that may be a parameter, too, and for a row
             without a number.
     """
     try:
-        table = tables.open_table(
-            path, of_parameters(dimensions), refused=of_weights(), units=system, remedy="remove it"
-        )
+        table = tables.open_table(path, of_parameters(dimensions), refused=of_weights(), remedy="remove it")
         for name, values in table.numbers.items():
             if not values.size:
                 raise tables.TableError(f"{table.title}: has no rows.")

@@ -26,11 +26,15 @@ ROWS = [
     ("erosion.load_case('')", "CaseError", ".: cannot be read (Is a directory)."),
     ("erosion.Parameters(k=1)", "TypeError", "missing 7 required"),
     ("erosion.Parameters(**{name: 1 for name in 'k psi r b m v0 sigma alpha beta'.split()})", "TypeError", "'beta'"),
-    ("P.replace(k='2')", "TypeError", "Argument `k` must be a number or an array, but is '2'."),
+    ("P.replace(k='two')", "ValueError", "Argument `k` must be a pure number such as 2, but 'two' cannot be read."),
+    ("P.replace(v0='55')", "ValueError", "Argument `v0` must have a unit, such as \"110 m/s\", but has '55'."),
+    ("P.replace(v0='50 : 60 m/s : 3')", "ValueError", "Argument `v0` must have a unit"),
+    ("P.replace(v0=['50 m/s', 60])", "ValueError", "Argument `v0` must have a unit"),
+    ("P.replace(alpha='20')", "ValueError", "Argument `alpha` must have a unit"),
     (
         "P.replace(k='2' * 10**6)",
-        "TypeError",
-        "but is '222222222222222222222222222222222222222… (1,000,002 characters).",
+        "ValueError",
+        "but '222222222222222222222222222222222222222… (1,000,002 characters) cannot be read.",
     ),
     (
         "P.replace(k=[[1, 2], [3]])",
@@ -163,7 +167,7 @@ ROWS = [
         "ValueError",
         "`alpha` must hold real numbers without units",
     ),
-    ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must hold real numbers without units"),
+    ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "Argument `alpha` must be an angle such as"),
     ("erosion.sweep('finnie', P, speed=[1])", "TypeError", "Argument `speed` is not a parameter; they are k, psi"),
     (
         "erosion.sweep('finnie', P, friction=[1])",
@@ -172,7 +176,7 @@ ROWS = [
     ),
     ("erosion.sweep(OWN, P, fricton=[1])", "TypeError", "phidot0, inertia, friction."),
     ("erosion.sweep(OWN, P, friction=0.1)", "ValueError", "`friction` must be a one-dimensional list of numbers"),
-    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "`friction` must hold real numbers without units"),
+    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "Argument `friction` must be a pure number such as 2"),
     ("erosion.sweep(OWN, P, friction=[0.1, np.nan])", "ValueError", "Argument `friction` must be finite, but is [0.1"),
     (
         "erosion.sweep([OWN, 'finnie'], P, friction=[1])",
@@ -200,8 +204,6 @@ ROWS = [
         "ValueError",
         "`friction` must be a scalar here, but has sh",
     ),
-    ("OWN.to('cgs', P)", "ValueError", "Argument `units` must be one of 'inch-pound', 'si', but is 'cgs'."),
-    ("OWN.to('si', 3)", "TypeError", "Argument `p` must be Parameters, but is 3."),
     (
         "erosion.sweep('finnie', P, alpha=[0.1], rtol='a')",
         "ValueError",
@@ -221,7 +223,7 @@ ROWS = [
     ),
     ("erosion.sweep('finnie', P, alpha=[0.1], store=3)", "TypeError", "Argument `store` must be a path, but is 3."),
     (
-        "erosion.stream('finnie', None, v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', None, v0=stats.norm(112, 1))",
         "TypeError",
         "Argument `p` must be Parameters, but is None.",
     ),
@@ -236,29 +238,29 @@ ROWS = [
         "TypeError",
         "Argument `k` must be a law such as scipy.stats.norm(1, 0.1)",
     ),
-    ("erosion.stream('finnie', P, n=1e6, v0=stats.norm(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
+    ("erosion.stream('finnie', P, n=1e6, v0=stats.norm(112, 1))", "ValueError", "Argument `n` must be a whole number"),
     (
-        "erosion.stream('finnie', P, n=True, v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', P, n=True, v0=stats.norm(112, 1))",
         "ValueError",
         "Argument `n` must be a whole number",
     ),
     (
-        "erosion.stream('finnie', P, seed='a', v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', P, seed='a', v0=stats.norm(112, 1))",
         "ValueError",
         "Argument `seed` must be a whole number",
     ),
     (
-        "erosion.stream('finnie', P, seed=-1, v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', P, seed=-1, v0=stats.norm(112, 1))",
         "ValueError",
         "`seed` must be a whole number of at least 0",
     ),
     (
-        "erosion.stream('finnie', P, rtol='a', v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', P, rtol='a', v0=stats.norm(112, 1))",
         "ValueError",
         "Argument `rtol` must be in (0, 1)",
     ),
     (
-        "erosion.stream('finnie', P, store=3, v0=stats.norm(4400, 1))",
+        "erosion.stream('finnie', P, store=3, v0=stats.norm(112, 1))",
         "TypeError",
         "Argument `store` must be a path, but is 3.",
     ),
@@ -333,7 +335,7 @@ ROWS = [
         "ValueError",
         "`density` must be positive and finite",
     ),
-    ("erosion.read_measurements(DATA, 'cgs')", "ValueError", "Argument `units` must be one of 'inch-pound', 'si'"),
+    ("erosion.read_measurements(DATA, 'cgs')", "ValueError", "Argument `shown_in` must be one of 'inch-pound', 'si'"),
     (r"erosion.available_models('a\0b')", "ValueError", "holds a zero byte"),
     ("erosion.available_models(3)", "TypeError", "Argument `path` must be a path, but is 3."),
     (
@@ -367,7 +369,7 @@ ROWS = [
         "Argument `k` must be a number or an array, but is traced",
     ),
     (
-        "jax.jit(lambda k: erosion.stream('finnie', P.replace(k=k), v0=stats.norm(4400, 40)))(0.3)",
+        "jax.jit(lambda k: erosion.stream('finnie', P.replace(k=k), v0=stats.norm(112, 40)))(0.3)",
         "TypeError",
         "Argument `k` must be a number or an array, but is traced",
     ),
@@ -402,6 +404,41 @@ ROWS = [
         "Argument `k` must be a number or an array, but is traced",
     ),
     (
+        "erosion.FitProblem('finnie', INCH, DATA, ['sigma'], bounds={'sigma': (1e5, 3e5)})",
+        "ValueError",
+        "Argument `sigma` must have a unit, as the case is shown in inch-pound units, but is bare numbers",
+    ),
+    (
+        "erosion.FitProblem.of_models(['finnie'], INCH, DATA, ['sigma'], bounds={'sigma': (1e5, 3e5)})",
+        "ValueError",
+        "Argument `sigma` must have a unit",
+    ),
+    (
+        "erosion.FitProblem('finnie', INCH, DATA, ['sigma'], priors={'sigma': stats.norm(2e5, 1e4)})",
+        "ValueError",
+        'but the case is shown in inch-pound units: give `p.to("si")`.',
+    ),
+    (
+        "erosion.FitProblem('finnie', INCH, DATA, ['psi']).conditions(0.3, {'v0': 4400.0})",
+        "ValueError",
+        'give v0="4400 in/s", or numbers in SI',
+    ),
+    (
+        "erosion.stream('finnie', INCH, v0=stats.norm(4400, 100))",
+        "ValueError",
+        "Argument `v0` must come with a case that is shown in SI",
+    ),
+    (
+        "erosion.stream('rotating-deformation', INCH, threshold=stats.norm(200, 10))",
+        "ValueError",
+        "Argument `threshold` must come with a case that is shown in SI",
+    ),
+    (
+        "erosion.advise(INCH, particle='garnet 0.3 mm', target='copper', uncertain={'sigma': stats.norm(2e5, 1e4)})",
+        "ValueError",
+        "Argument `sigma` must come with a case that is shown in SI",
+    ),
+    (
         "erosion.calibrate(erosion.FitProblem('finnie', P, DATA, ['psi'], bounds=5))",
         "TypeError",
         "`bounds` must be a dictionary",
@@ -419,7 +456,7 @@ ROWS = [
     (
         "erosion.calibrate(erosion.FitProblem('finnie', P, DATA, ['psi'], bounds={'psi': ('a', 'b')}))",
         "ValueError",
-        "`bounds` must give psi two ascending values",
+        "Argument `psi` must be a pure number such as 2",
     ),
     (
         "erosion.calibrate(erosion.FitProblem('finnie', P, DATA, ['psi'], bounds={'psi': None}))",
@@ -461,7 +498,8 @@ NAMES = {
     "JointSamples": JointSamples,
     "RosinRammler": RosinRammler,
     "Samples": Samples,
-    "P": erosion.TABLE_1,
+    "P": erosion.TABLE_1.to("si"),
+    "INCH": erosion.TABLE_1,
     "DATA": {"angle [deg]": [10.0, 20.0, 30.0], "erosion [-]": [1.0, 2.0, 3.0]},
     "OWN": erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py"),
 }

@@ -312,9 +312,9 @@ def test_ends_of_a_range_are_finite(text: str) -> None:
 def test_unit_systems_are_understood_in_capitals(written: Written, shell: Shell) -> None:
     assert check_system("SI") == "si"
     assert check_system("Inch-Pound") == "inch-pound"
-    assert erosion.TABLE_1.to("SI").units == "si"
+    assert erosion.TABLE_1.to("SI").shown_in == "si"
     file = written("case.toml", erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
-    assert erosion.load_case(file).units == "si"
+    assert erosion.load_case(file).shown_in == "si"
     assert shell("run --units SI --v0 '100 m/s' --json").document["units"] == "si"
     for name in ("metric", "s i", "", "SI" * 5000):
         with pytest.raises(ValueError, match="must be one of 'inch-pound', 'si'") as caught:

@@ -416,7 +416,7 @@ TAKES: dict[str, Callable[[Any], Any]] = {
 @pytest.mark.parametrize("name", TAKES)
 def test_nothing_is_made_a_number_by_leaving_a_part_of_it_away(name: str) -> None:
     for values in NO_NUMBERS:
-        with pytest.raises(ValueError, match="must hold real numbers without units"):
+        with pytest.raises(ValueError, match=r"must (hold real numbers without|have a) units?"):
             TAKES[name](values)
 
 

@@ -71,11 +71,8 @@ def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> 
         np.testing.assert_allclose(wear[name], values, rtol=1e-12, err_msg=name)
     assert int(wear["ends"].sum()) == int(wear["total_impacts"]) == 300
     assert (wear["volume"].attrs["units"], wear["depth_per_year"].attrs["units"]) == ("m^3", "mm/year")
-    # In other units it is the same wear.
-    there = erosion_map("rotating", P.to("inch-pound"), TABLE, SURFACE)
-    for name, size in (("volume", 0.0254**3), ("depth", 0.0254), ("depth_per_year", 1.0)):
-        np.testing.assert_allclose(there[name] * size, wear[name], rtol=1e-8)
-    assert there["particle_mass"].attrs["units"] == "slinch"
+    # The unit system shows the numbers alone.
+    np.testing.assert_array_equal(erosion_map("rotating", P.to("inch-pound"), TABLE, SURFACE)["volume"], wear["volume"])
 
 
 def test_finnie_is_the_formula_that_openfoam_sums() -> None:

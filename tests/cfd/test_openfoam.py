@@ -550,7 +550,7 @@ SOLVER = "icoUncoupledKinematicParcelFoam"
 DIAMETER = 0.25e-3  # m
 SAND = erosion.Parameters(
     k=2.4, psi=2.0, sigma=1.5e9, r=DIAMETER / 2, b=DIAMETER, m=2650 * np.pi / 6 * DIAMETER**3, v0=25.0, alpha=0.4,
-    inertia=0.4, units="si",
+    inertia=0.4,
 )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
     degrees = np.linspace(5.0, 88.0, 50)
-    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees)))) / 0.0254**3
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
     path = tmp_path_factory.mktemp("data") / "sand.csv"
     lines = [f"{angle},{one:.6e},6e-6" for angle, one in zip(degrees, noisy, strict=True)]
@@ -88,7 +88,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     case, _, advice = path.read_text().partition("\n[advise]\n")
     assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
     assert tomllib.loads(f"[advise]\n{advice}")["advise"]["uncertain"] == "fitted.nc"
-    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES, "si").rows.columns
+    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES).rows.columns
     low, high = printed["intervals"]["sigma"]
     assert [*draws] == ["sigma", "k"]
     assert 0.85 < np.mean((low < np.array(draws["sigma"])) & (np.array(draws["sigma"]) < high)) <= 1
@@ -103,7 +103,7 @@ def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp
     path = tmp_path / "fitted.toml"
     bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
     assert exit_status([*bounded, "--write-case", str(path)]) == 0
-    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES, "si").rows.columns["sigma"]
+    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES).rows.columns["sigma"]
     assert 1e9 <= min(draws) < max(draws) == pytest.approx(1.4e9, rel=0.01)
 
 

@@ -182,7 +182,7 @@ PRIOR = Finding("prior_decides", "psi", {"share": 0.94, "end": "lowest", "law": 
 
 def test_draws_of_a_bad_fit_are_a_warning() -> None:
     known = {"psi": QUANTITIES["psi"]}
-    draws = read_draws("post.nc", known, "si")
+    draws = read_draws("post.nc", known)
     model = erosion.load_model("linearized")
     assert draws.doubts(model, draws.p, 1.0) == []
     (slow,) = draws.doubts(model, draws.p.replace(v0=50.0), 1.0)
@@ -192,7 +192,7 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
         tree["posterior"].attrs |= {"converged": 0, "findings": to_attribute([MISFIT, PRIOR])}
         tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
-    bad = read_draws("bad.nc", known, "si")
+    bad = read_draws("bad.nc", known)
     assert [one.code for one in bad.doubts(model, draws.p, 1.0)] == ["not_converged", "draws_without_size"]
     named = [dataclasses.replace(MISFIT, about="bad.nc"), dataclasses.replace(PRIOR, about="psi (bad.nc)")]
     assert bad.of_fit() == named
@@ -221,18 +221,18 @@ def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> 
     assert [other["numbers"][when].split()[-2:] for when in ("before", "now")] == [["12", "m/s"], ["15", "m/s"]]
 
 
-def test_draws_are_read_in_other_units() -> None:
+def test_draws_beside_a_case_in_inches_are_in_si() -> None:
     degrees = np.array([10.0, 30.0, 60.0])
     p = erosion.TABLE_1
     exact = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume)
-    data = {"angle [deg]": degrees, "volume [in^3/impact]": exact, "uncertainty [in^3]": np.full(3, 0.1 * exact.max())}
+    data = {"angle [deg]": degrees, "volume [m^3/impact]": exact, "uncertainty [m^3]": np.full(3, 0.1 * exact.max())}
     drawn = erosion.posterior(erosion.FitProblem("linearized", p, data, ["sigma", "cutting_fraction"]), draws=125)
     drawn.save("other.nc")
     known = dict(QUANTITIES)
-    rows = read_draws("other.nc", known, "si").rows
+    rows = read_draws("other.nc", known).rows
     assert isinstance(drawn.joint_samples(), JointSamples)
     assert {*rows.columns} == {*drawn.joint_samples().columns} == {"sigma", "cutting_fraction"}
-    np.testing.assert_allclose(rows.columns["sigma"], drawn.samples["sigma"].values.ravel() * 6894.757293, rtol=1e-9)
+    np.testing.assert_allclose(rows.columns["sigma"], drawn.samples["sigma"].values.ravel(), rtol=1e-15)
     with pytest.raises(ValueError, match="`uncertain` must leave out `cutting_fraction`"):
         erosion.stream("linearized", p, n=64, uncertain=drawn.joint_samples())
 
@@ -298,10 +298,10 @@ def test_a_case_file_may_hold_a_sweep(case, tmp_path, shell):
     assert printed["dimensions"] == {"alpha": 4, "v0": 2}
     assert printed["ended_by"] == {"rebound": 8}
     stored = xr.load_dataset(out, engine="h5netcdf")
-    assert float(stored.volume.isel(alpha=1, v0=1)) == pytest.approx(1.816436352531e-4, rel=1e-8)
-    assert printed["volume_greatest"] == float(stored.volume.max())
+    assert float(stored.volume.isel(alpha=1, v0=1)) == pytest.approx(1.816436352531e-4 * 0.0254**3, rel=1e-8)
+    assert printed["volume_greatest"] * 0.0254**3 == pytest.approx(float(stored.volume.max()), rel=1e-14)
     # The same case serves the other verbs.
-    assert erosion.load_case(case).v0 == 4400
+    assert erosion.load_case(case).v0 == pytest.approx(111.76)
 
 
 def test_options_overrule_the_case_file(case, tmp_path, shell):

@@ -125,7 +125,7 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     assert Path(model_of_draws("out/post.nc")).resolve() == Path("cases/plug.py").resolve()
     # The commands of an advice name the table as the user finds it.
     assert written["advise"]["data"] == "../weighed.csv"
-    assert Path(read_draws("out/post.nc", QUANTITIES, "inch-pound").data).samefile("weighed.csv")
+    assert Path(read_draws("out/post.nc", QUANTITIES).data).samefile("weighed.csv")
     for verb in (["run", "out/fitted.toml"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
         capsys.readouterr()
         assert exit_status(verb) == 0, capsys.readouterr().err

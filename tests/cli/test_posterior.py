@@ -21,7 +21,7 @@ from tests.documents import findings
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
     degrees = np.linspace(8.0, 80.0, 10)
-    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees)))) / 0.0254**3
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(10)
     path = tmp_path_factory.mktemp("data") / "sand.csv"
     lines = [f"{angle},{part:.6e},6e-6" for angle, part in zip(degrees, noisy, strict=True)]

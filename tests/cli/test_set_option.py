@@ -47,7 +47,7 @@ def harder(tmp_path, monkeypatch):
 
 def test_run_takes_own_parameters(harder, shell):
     printed = shell(["run", "--model", harder, "--set", "factor=2", "--json"]).document
-    own = {"factor": {"value": 2.0, "unit": "1"}, "speed": {"value": 100.0, "unit": "in/s"}}
+    own = {"factor": {"value": 2.0, "unit": "1"}, "speed": {"value": pytest.approx(100 / 0.0254), "unit": "in/s"}}
     assert printed["model"] == {"name": harder, "own_parameters": own}
     assert printed["result"]["volume"]["value"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
 

@@ -217,7 +217,7 @@ def test_formulas_give_what_others_print_or_miss_it_by_what_is_known(name):
 @pytest.mark.parametrize("angle", OPENFOAM)
 def test_openfoams_formula_is_a_limit_of_finnies_model_and_the_correlation(angle):
     alpha = math.radians(angle)
-    p = erosion.Parameters(k=2.0, psi=2.0, r=1e-4, b=1e-4, m=1e-8, v0=50.0, sigma=1e9, alpha=alpha, units="si")
+    p = erosion.Parameters(k=2.0, psi=2.0, r=1e-4, b=1e-4, m=1e-8, v0=50.0, sigma=1e9, alpha=alpha)
     for volume in (erosion.impact("finnie", p).volume, correlations.finnie_volume(alpha, 50.0, 1e-8, 1e9)):
         assert float(volume) * 1e18 == pytest.approx(OPENFOAM[angle], rel=1e-8)
 

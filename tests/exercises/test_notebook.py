@@ -85,7 +85,7 @@ def test_the_notebook_is_one_and_names_its_case_once(course: str) -> None:
     cells = json.loads(text)["cells"]
     assert len({cell["id"] for cell in cells}) == len(cells)
     assert text.count(repr(key.p)) == 1
-    assert "alpha=0.5, phidot0=0, inertia=0.5, units='inch-pound')  # sand on steel\\n" in text
+    assert "alpha=0.5, phidot0=0, inertia=0.5, shown_in='si')  # sand on steel\\n" in text
     assert text == notebook(key, title="sand on steel")
     checked = re.findall(r'"key.check\(\\"(\w+)', text)
     assert checked == list(key.tasks)

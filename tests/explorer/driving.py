@@ -67,7 +67,7 @@ def settle(page: Page, name: str, shown: str) -> None:
 def parameters(page: Page) -> erosion.Parameters:
     """The parameters in the page's link."""
     query = {name: values[0] for name, values in parse_qs(urlsplit(page.url).query).items()}
-    return erosion.Parameters(**{name: float(query[name]) for name in QUANTITIES}, units=query["units"])
+    return erosion.Parameters(**{name: float(query[name]) for name in QUANTITIES}, shown_in=query["units"])
 
 
 def curve(page: Page, view: str, model: str) -> np.ndarray:

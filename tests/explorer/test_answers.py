@@ -120,6 +120,9 @@ def test_a_best_angle_that_nothing_is_known_to_move_has_the_reason() -> None:
     assert option["title"]["text"] in said
 
 
+UNITS = {"units": "inch-pound"}
+
+
 def test_what_is_handed_out_has_the_own_parameters() -> None:
     lines = python_lines(SLID, {"linearized": "linearized", "tip": TIP})
     assert f"erosion.load_model({TIP!r}).replace(friction=0.35)" in lines
@@ -131,12 +134,12 @@ def test_what_is_handed_out_has_the_own_parameters() -> None:
     content = json.loads(results_json(Answers(MODELS), SLID))
     impacts = {name: results["impact"] for name, results in content["models"].items()}
     names = {"linearized": "linearized", "tip": model_name(MODELS["tip"])}
-    numbers = {name: float(getattr(TABLE_1, name)) for name in QUANTITIES}
+    numbers = {name: float(getattr(TABLE_1, name)) / QUANTITIES[name].size("inch-pound") for name in QUANTITIES}
     for name, result in (*impacts.items(), ("tip", content["shown"]["cut"])):
         assert result["model"] == names[name]
         assert result["own_parameters"] == ({"friction": 0.35} if name == "tip" else {})
-        assert result["parameters"] == {**numbers, "units": "inch-pound"}
-    assert impacts["tip"]["volume"] == scope["hit"].volume
+        assert result["parameters"] == {name: pytest.approx(number) for name, number in numbers.items()} | UNITS
+    assert impacts["tip"]["volume"] == pytest.approx(scope["hit"].volume / 0.0254**3, rel=1e-14)
 
 
 def test_what_is_handed_out_says_how_far_the_body_turns() -> None:
@@ -174,9 +177,9 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     answers = Answers({"linearized": Linearized()})
     content = json.loads(results_json(answers, STATE))
     hits = impact(Linearized(), TABLE_1.replace(alpha=ANGLES), derivatives=2)
-    assert content["models"]["linearized"]["curve"]["volume"] == hits.volume.tolist()
+    assert content["models"]["linearized"]["curve"]["volume"] == pytest.approx(hits.volume / 0.0254**3, rel=1e-14)
     cut = path(Linearized(), TABLE_1)
-    assert content["shown"]["motion"]["depth"] == cut.depth.tolist()
+    assert content["shown"]["motion"]["depth"] == pytest.approx(cut.depth / 0.0254, rel=1e-14, abs=1e-30)
     assert b"alpha = 0.3490658503988659" in case_toml(answers, STATE)
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
     (tmp_path / "case.toml").write_bytes(case_toml(answers, weighed))
@@ -208,7 +211,7 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
         assert ("removed at contact" in numbers(computed, models)[0]) == (shown == "deforming")
     # V_D = V* sin²α/(2e), in 10⁻⁴ in³.
     degrees, at_contact = np.array(shaded[0]["data"], float).T
-    expected = np.sin(np.deg2rad(degrees)) ** 2 / 3.2 * float(TABLE_1.volume_scale) / 1e-4
+    expected = np.sin(np.deg2rad(degrees)) ** 2 / 3.2 * float(TABLE_1.volume_scale) / (1e-4 * 0.0254**3)
     np.testing.assert_allclose(at_contact, expected, atol=2e-5)
 
 

@@ -127,7 +127,7 @@ def test_a_link_carries_the_whole_state(page: Page, expect: Any) -> None:
         said = "all => all.map(one => one.ariaChecked ?? one.value ?? one.getAttribute('points') ?? one.innerText)"
         assert other.locator(control).evaluate_all(said) == page.locator(control).evaluate_all(said)
     assert float(parameters(other).v0) == 123.45678901234567
-    assert parameters(other).units == "si"
+    assert parameters(other).shown_in == "si"
     np.testing.assert_array_equal(curve(other, "volumes", "as-printed"), curve(page, "volumes", "as-printed"))
 
 

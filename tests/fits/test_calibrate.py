@@ -5,6 +5,7 @@ Draws of what a fit leaves open, against closed forms.
 Rows far from a fit: found by a closed form, named with their line, and what the fit is without them.
 """
 
+import dataclasses
 import re
 from typing import Any
 
@@ -23,12 +24,14 @@ from erosion.models.rigid import LinearizedCut
 from tests.fits.problems import calibrated, ranked
 from tests.models.test_own_parameters import P as PULLED
 
-GUESS = TABLE_1.replace(k=3.0, psi=0.06)
+SI = TABLE_1.to("si")
+
+GUESS = SI.replace(k=3.0, psi=0.06)
 DEGREES = np.linspace(5.0, 88.0, 50)
 
 
 def exact(degrees: np.ndarray = DEGREES, **changes) -> np.ndarray:
-    return np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees), **changes)))
+    return np.asarray(LinearizedCut().volume(SI.replace(alpha=np.deg2rad(degrees), **changes)))
 
 
 EXACT = exact()
@@ -39,7 +42,7 @@ def synthetic(seed: int, volume: np.ndarray = EXACT) -> dict[str, np.ndarray]:
     """Table 1 measured with errors of 3 % of the greatest volume."""
     error = np.full(volume.size, 0.03 * volume.max())
     noisy = volume + error * np.random.default_rng(seed).standard_normal(volume.size)
-    return {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": error}
+    return {"angle [deg]": DEGREES, "volume [m^3/impact]": noisy, "uncertainty [m^3]": error}
 
 
 def without_errors(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -57,7 +60,7 @@ def fit():
 
 
 def test_exact_data_give_the_truth_back():
-    result = fitted(data=synthetic(0) | {"volume [in^3/impact]": EXACT}, starts=4)
+    result = fitted(data=synthetic(0) | {"volume [m^3/impact]": EXACT}, starts=4)
     # The kernel keeps nine digits.
     assert result.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     assert result.chi2 < 1e-9
@@ -77,13 +80,13 @@ def test_errors_are_those_of_the_normal_equations(fit):
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-3)
     np.testing.assert_allclose(list(fit.standard_errors.values()), errors, rtol=1e-3)
     np.testing.assert_allclose(fit.correlation, covariance / np.outer(errors, errors), rtol=1e-3)
-    np.testing.assert_allclose(fit.residuals, synthetic(1)["volume [in^3/impact]"] - exact(**best), atol=1e-12)
+    np.testing.assert_allclose(fit.residuals, synthetic(1)["volume [m^3/impact]"] - exact(**best), atol=1e-6 * NOISE)
     assert fit.chi2 == pytest.approx(np.sum((fit.residuals / NOISE) ** 2))
     assert (fit.degrees_of_freedom, fit.aicc) == (48, pytest.approx(fit.chi2 + 4 + 12 / 47))
 
 
 def test_an_interval_ends_where_the_misfit_has_risen(fit):
-    measured = synthetic(1)["volume [in^3/impact]"]
+    measured = synthetic(1)["volume [m^3/impact]"]
 
     def rise(k: float) -> float:
         # V is proportional to 1/ψ, whose best value for this k is a quotient.
@@ -107,7 +110,7 @@ def test_left_out_errors_are_those_of_fits_without_the_row(fit):
     data, alone = synthetic(1), []
     for row in range(0, 50, 14):
         other = fitted(data={name: np.delete(values, row) for name, values in data.items()})
-        alone.append(data["volume [in^3/impact]"][row] - other.curve(np.deg2rad(DEGREES[row]))[0])
+        alone.append(data["volume [m^3/impact]"][row] - other.curve(np.deg2rad(DEGREES[row]))[0])
     leverage = np.sum((fit.solution.jacobian @ fit.identifiability.modes) ** 2, axis=1)
     # To first order in the noise of 3 %.
     np.testing.assert_allclose(alone, (fit.residuals / (1 - leverage))[::14], atol=0.02 * NOISE)
@@ -139,7 +142,9 @@ def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     assert result.undetermined == ("psi", "sigma", "r")
     assert {result.standard_errors[name] for name in result.undetermined} == {np.inf}
     assert result.intervals()["psi"] == (0.0, np.inf)
-    assert result.estimates["psi"] * result.estimates["sigma"] == pytest.approx(fit.estimates["psi"] * 200e3, rel=1e-6)
+    assert result.estimates["psi"] * result.estimates["sigma"] == pytest.approx(
+        fit.estimates["psi"] * float(GUESS.sigma), rel=1e-6
+    )
     assert result.estimates["k"] == pytest.approx(fit.estimates["k"], rel=1e-6)
     np.testing.assert_allclose(result.profile("sigma", 3).rise, 0, atol=1e-3)
     assert "not determined" in result._repr_html_()
@@ -165,6 +170,20 @@ def test_combinations_are_named_as_products_of_powers():
     assert [group.determined for group in root.groups] == [("m/b^(1/2)",)]
 
 
+def test_bounds_are_texts_with_units_beside_a_case_in_inches(fit):
+    inches = erosion.FitProblem("linearized", TABLE_1, fit.data, ["sigma"], bounds={"sigma": ["1 GPa", "2e5 lbf/in^2"]})
+    assert inches.bounds == {"sigma": pytest.approx((1e9, 2e5 * 4.4482216152605 / 0.0254**2), rel=1e-15)}
+    assert dataclasses.replace(inches, free=("sigma", "psi")).bounds == inches.bounds
+
+
+def test_conditions_are_texts_with_units_beside_a_case_in_inches(fit):
+    in_inches = dataclasses.replace(fit.problem, p=fit.p.to("inch-pound"))
+    of_texts = in_inches.conditions("20 deg", {"v0": ["2000 in/s", "100 m/s"]})
+    in_si = fit.problem.conditions(np.deg2rad(20), {"v0": [50.8, 100.0]})
+    for name in ("alpha", "v0"):
+        np.testing.assert_allclose(of_texts[name], in_si[name], rtol=1e-15)
+
+
 def test_bounds_are_kept_and_said(fit):
     result = fitted(bounds={"k": (1.99, 2.02)})
     assert result.intervals()["k"] == pytest.approx((1.99, 2.02))
@@ -182,14 +201,14 @@ def test_bounds_are_kept_and_said(fit):
 @pytest.mark.parametrize(
     ("unit", "name", "factor", "density"),
     [
-        ("[in^3/slinch]", "volume", 1 / float(GUESS.m), None),
-        ("[slinch/impact]", "mass_loss", 2.5e-4, 2.5e-4),
-        ("[slinch/slinch]", "mass_loss", 2.5e-4 / float(GUESS.m), "2.5e-4 slinch/in^3"),
+        ("[in^3/lb]", "volume", 0.45359237 / 0.0254**3 / float(GUESS.m), None),
+        ("[kg/impact]", "mass_loss", 2700.0, 2700.0),
+        ("[kg/kg]", "mass_loss", 2700.0 / float(GUESS.m), "2.7 g/cm^3"),
     ],
 )
 def test_other_kinds_of_erosion_give_the_same_answer(fit, unit, name, factor, density):
     columns = {
-        f"{name} {unit}": synthetic(1)["volume [in^3/impact]"] * factor,
+        f"{name} {unit}": synthetic(1)["volume [m^3/impact]"] * factor,
         f"uncertainty {unit}": np.full(50, NOISE * factor),
     }
     result = fitted(data={"angle [deg]": DEGREES, **columns}, density=density)
@@ -198,7 +217,7 @@ def test_other_kinds_of_erosion_give_the_same_answer(fit, unit, name, factor, de
 
 
 def test_a_free_scale_leaves_the_shape(fit):
-    table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [in^3/impact]"] * 1e5}
+    table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [m^3/impact]"] * 1e5}
     result = fitted(["k"], table, starts=2)
     # The scale takes up the guess's wrong ψ.
     expected = {"k": fit.estimates["k"], "scale": 1e5 * 0.06 / fit.estimates["psi"]}
@@ -210,9 +229,9 @@ def test_a_free_scale_leaves_the_shape(fit):
 
 
 def test_speed_and_mass_by_row():
-    speed, mass = np.linspace(3000, 6000, 50), np.geomspace(1e-7, 1e-6, 50)
-    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": exact(v0=speed, m=mass),
-             "speed [in/s]": speed, "mass [slinch]": mass}  # fmt: skip
+    speed, mass = np.linspace(75, 150, 50), np.geomspace(2e-5, 2e-4, 50)
+    table = {"angle [deg]": DEGREES, "volume [m^3/impact]": exact(v0=speed, m=mass),
+             "speed [m/s]": speed, "mass [kg]": mass}  # fmt: skip
     assert fitted(data=table).estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     with pytest.raises(ValueError, match="must not name `v0`: the data has a column of it"):
         fitted(["v0"], table)
@@ -274,7 +293,7 @@ def test_a_model_that_fails_is_said_to_fail():
 @pytest.fixture(scope="module")
 def turning() -> np.ndarray:
     # With the derivatives of the fits, so that one compiled program serves all.
-    p = TABLE_1.replace(alpha=np.deg2rad(DEGREES))
+    p = SI.replace(alpha=np.deg2rad(DEGREES))
     return np.asarray(erosion.impact("rotating", p, derivatives=1, wrt=("k", "psi")).volume)
 
 
@@ -282,12 +301,12 @@ def test_intervals_end_at_cliffs(turning):
     # Two sets in which the jump of V(α) comes upon a row within the standard error of k.
     k, psi = np.meshgrid(2.0 * np.linspace(0.87, 1.13, 105), 0.04 * np.linspace(0.94, 1.06, 73), indexing="ij")
     k, psi = k.ravel(), psi.ravel()
-    case = TABLE_1.replace(alpha=np.deg2rad(DEGREES), k=k[:, None], psi=psi[:, None])
+    case = SI.replace(alpha=np.deg2rad(DEGREES), k=k[:, None], psi=psi[:, None])
     volume = np.asarray(erosion.impact("rotating", case, derivatives=1, wrt=("k", "psi")).volume)
     for seed in (0, 1):
         data = synthetic(seed, turning)
         result = fitted(data=data, model="rotating", starts=32)
-        misfit = np.sum(((volume - data["volume [in^3/impact]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
+        misfit = np.sum(((volume - data["volume [m^3/impact]"]) / data["uncertainty [m^3]"]) ** 2, axis=1)
         assert result.chi2 < misfit.min() + 0.05
         inside = k[misfit - result.chi2 < 1.959964**2]
         # As near as the grid is.
@@ -328,7 +347,7 @@ def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_
     assert estimates["finnie"].endswith("(curve of linearized)")
     assert re.fullmatch(r"psi = [\d.]+, k not determined", estimates["tan-alpha"])
     assert estimates["velocity-aligned"] == "same as tan-alpha"
-    assert "<th>left out [10⁻⁶ in³]</th>" in ranking._repr_html_()
+    assert "<th>left out [mm³]</th>" in ranking._repr_html_()
 
 
 def test_a_fit_goes_to_cfd_codes_as_its_model_and_case_do(fit):
@@ -347,9 +366,9 @@ def fit_of_size(uncertainty: float | None) -> erosion.Calibration:
     """A fit of ψ alone: the curve is proportional to 1/ψ, so that for small errors θ = ln ψ is a linear parameter."""
     exact = np.asarray(erosion.impact("linearized", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     size = 0.01 * exact.mean()
-    rows = {"angle [deg]": TO_60, "volume [in^3/impact]": exact + size * np.array([1, -1, 0.5, 1, -1.5, 0.3])}
+    rows = {"angle [deg]": TO_60, "volume [m^3/impact]": exact + size * np.array([1, -1, 0.5, 1, -1.5, 0.3])}
     if uncertainty is not None:
-        rows["uncertainty [in^3]"] = np.full(TO_60.size, uncertainty * size)
+        rows["uncertainty [m^3]"] = np.full(TO_60.size, uncertainty * size)
     return erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["psi"]), starts=1)
 
 
@@ -407,16 +426,16 @@ def test_samples_hold_for_other_tests_and_know_their_angles():
     of_shape = erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["k", "psi"]), starts=2)
     assert [*of_shape.joint_samples().columns] == ["k"]
     assert np.rad2deg(of_shape.joint_samples().tested["alpha"]) == pytest.approx([10, 60])
-    in_own_units = _uncertain(of_shape)
+    in_own_units = _uncertain(of_shape, {}, "si")
     assert in_own_units is not None
     assert in_own_units.predictor is None
     assert in_own_units.laws.names == ("k",)
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
-    data = {"angle [deg]": TO_60, "volume [in^3/impact]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
+    data = {"angle [deg]": TO_60, "volume [m^3/impact]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     of_jet = erosion.calibrate(erosion.FitProblem("rotating", PULLED, data, free=["k", "r"]), starts=2)
     assert [*of_jet.joint_samples().columns] == ["k", "r"]
     # An advice has another particle, of which predictions hold what the tests had.
-    advised = _uncertain(of_jet)
+    advised = _uncertain(of_jet, {}, "si")
     assert advised is not None
     assert advised.laws.names == ("k",)
     rows["erosion [-]"] = 2 * rows["erosion [-]"]
@@ -501,9 +520,7 @@ def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
 
 def test_the_only_row_with_erosion_is_an_outlier_without_another_fit():
     volume = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0])
-    only = calibrated(
-        "finnie", P, {"angle [deg]": np.arange(10.0, 80.0, 10.0), "volume [in^3/impact]": volume}, ["psi"]
-    )
+    only = calibrated("finnie", P, {"angle [deg]": np.arange(10.0, 80.0, 10.0), "volume [m^3/impact]": volume}, ["psi"])
     assert [finding.code for finding in only.findings if "outlier" in finding.code] == ["outlier"]
 
 

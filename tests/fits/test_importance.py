@@ -14,6 +14,8 @@ from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import Misfit
 from tests.fits.test_tempering import Rows
 
+SI = TABLE_1.to("si")
+
 
 def test_rows_that_are_linear_in_the_parameters_have_the_closed_posterior():
     rng = np.random.default_rng(5)
@@ -72,17 +74,17 @@ def test_points_at_which_the_model_fails_get_no_weight():
 
 def test_parameters_that_only_a_product_determines_are_annealed():
     degrees = np.linspace(10.0, 80.0, 12)
-    volume = np.asarray(impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume)
+    volume = np.asarray(impact("linearized", SI.replace(alpha=np.deg2rad(degrees))).volume)
     table = {
         "angle [deg]": degrees,
-        "volume [in^3/impact]": volume,
-        "uncertainty [in^3]": np.full(12, 0.003 * volume.max()),
+        "volume [m^3/impact]": volume,
+        "uncertainty [m^3]": np.full(12, 0.003 * volume.max()),
     }
-    problem = FitProblem("linearized", TABLE_1, table, ["k", "psi", "sigma"])
+    problem = FitProblem("linearized", SI, table, ["k", "psi", "sigma"])
     misfit = Discrepant(make_likelihood(problem), has_exponent=False, has_discrepancy=False)
-    start = {name: float(getattr(TABLE_1, name)) for name in misfit.priors.laws}
+    start = {name: float(getattr(SI, name)) for name in misfit.priors.laws}
     assert sample_near(misfit, np.zeros(3), np.random.default_rng(0)).effective < 500
     way = drawn(misfit, start, np.random.default_rng(0))
     product = way.values["psi"] * way.values["sigma"]
-    assert np.median(product) == pytest.approx(float(TABLE_1.psi * TABLE_1.sigma), rel=0.02)
+    assert np.median(product) == pytest.approx(float(SI.psi * SI.sigma), rel=0.02)
     assert np.ptp(np.log(way.values["psi"])) > np.log(20)

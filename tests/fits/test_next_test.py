@@ -10,6 +10,8 @@ from erosion.fits.prediction import Predictor
 from erosion.models.rigid import LinearizedCut
 from tests.fits import problems
 
+SI = TABLE_1.to("si")
+
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 10.0])
 def test_a_normal_row_narrows_its_own_mean_by_its_error(ratio):
@@ -49,10 +51,10 @@ def test_a_candidate_without_a_prediction_is_not_the_best():
 
 
 def measured(model, degrees, k, share=0.05):
-    exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), k=k)).volume
+    exact = impact(model, SI.replace(alpha=np.deg2rad(degrees), k=k)).volume
     error = share * exact.max()
     noisy = exact + error * np.random.default_rng(2).standard_normal(len(degrees))
-    return {"angle [deg]": degrees, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(len(degrees), error)}
+    return {"angle [deg]": degrees, "volume [m^3/impact]": noisy, "uncertainty [m^3]": np.full(len(degrees), error)}
 
 
 def test_a_scale_is_best_measured_at_the_greatest_volume():
@@ -60,13 +62,13 @@ def test_a_scale_is_best_measured_at_the_greatest_volume():
     data = measured("linearized", np.array([10.0, 60.0]), 2.0)
     priors = {"cutting_fraction": stats.norm(0.5, 0.1)}
     drawn = posterior(
-        FitProblem("linearized", TABLE_1, data, ["cutting_fraction"], priors=priors), draws=250, discrepancy=False
+        FitProblem("linearized", SI, data, ["cutting_fraction"], priors=priors), draws=250, discrepancy=False
     )
     degrees = np.array([5.0, 20.0, 31.7, 45.0, 80.0])
     answer = next_test(drawn, {"alpha": np.deg2rad(degrees)}, for_prediction={"alpha": np.deg2rad(70.0)})
-    exact = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    exact = np.asarray(LinearizedCut().volume(SI.replace(alpha=np.deg2rad(degrees))))
     assert answer.best["alpha"] == pytest.approx(np.deg2rad(31.7))
-    spread = drawn.deviations["cutting_fraction"] * exact / data["uncertainty [in^3]"][0]
+    spread = drawn.deviations["cutting_fraction"] * exact / data["uncertainty [m^3]"][0]
     np.testing.assert_allclose(answer.prediction, 1 - 1 / np.sqrt(1 + spread**2), rtol=0.05, atol=2e-4)
     assert answer.half_width == pytest.approx(1.96 * drawn.deviations["cutting_fraction"]
                                               / drawn.means["cutting_fraction"], rel=0.01)  # fmt: skip
@@ -77,13 +79,13 @@ def test_a_scale_is_best_measured_at_the_greatest_volume():
 def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 60.0]), 2.0)
     options = {"draws": 500, "discrepancy": False}
-    before = problems.drawn("linearized", TABLE_1, data, ["k", "psi"], **options)
+    before = problems.drawn("linearized", SI, data, ["k", "psi"], **options)
     asked = {"alpha": np.deg2rad(40.0)}
     answer = next_test(before, {"alpha": np.deg2rad([30.0, 40.0, 50.0])}, for_prediction=asked)
-    row = {"angle [deg]": 40.0, "volume [in^3/impact]": before.predictor.draw(asked["alpha"]).mean(),
-           "uncertainty [in^3]": data["uncertainty [in^3]"][0]}  # fmt: skip
+    row = {"angle [deg]": 40.0, "volume [m^3/impact]": before.predictor.draw(asked["alpha"]).mean(),
+           "uncertainty [m^3]": data["uncertainty [m^3]"][0]}  # fmt: skip
     more = {name: np.append(column, row[name]) for name, column in data.items()}
-    after = problems.drawn("linearized", TABLE_1, more, ["k", "psi"], **options)
+    after = problems.drawn("linearized", SI, more, ["k", "psi"], **options)
     ratio = (
         after.predictor.draw(asked["alpha"], count=2000).std() / before.predictor.draw(asked["alpha"], count=2000).std()
     )
@@ -95,12 +97,12 @@ def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
 def test_a_jump_whose_place_is_not_known_is_the_place_to_test_for_the_parameters():
     # With k = 1 V(α) falls to half at 40°; the data leave 30° to 50° open.
     data = measured("rotating", np.array([10.0, 20.0, 30.0, 50.0, 60.0]), 1.0)
-    drawn = posterior(FitProblem("rotating", TABLE_1.replace(k=1.0), data, ["k", "psi"]), draws=250, discrepancy=False)
+    drawn = posterior(FitProblem("rotating", SI.replace(k=1.0), data, ["k", "psi"]), draws=250, discrepancy=False)
     answer = next_test(drawn)
     assert 34 < np.rad2deg(answer.best_for_parameters["alpha"]) < 45
     assert answer.parameters.max() > 2 * np.median(answer.parameters)
     # Twice the speed has four times the volume, and the errors stay.
-    twice = next_test(drawn, {"alpha": np.deg2rad([[40.0], [20.0]]), "v0": [4400.0, 8800.0]})
+    twice = next_test(drawn, {"alpha": np.deg2rad([[40.0], [20.0]]), "v0": [111.76, 223.52]})
     assert twice.prediction.shape == (4,)
     assert twice.parameters[3] > twice.parameters[2]
 
@@ -108,7 +110,7 @@ def test_a_jump_whose_place_is_not_known_is_the_place_to_test_for_the_parameters
 def test_two_models_are_told_apart_where_they_differ():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
     priors = {"k": stats.uniform(0.5, 9.5), "psi": stats.uniform(0.001, 0.199)}
-    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["k", "psi"], priors=priors)
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], SI, data, ["k", "psi"], priors=priors)
     both = rank([posterior(problem, draws=250) for problem in of_both])
     answer = next_test(both.fits)
     assert answer.names == both.names
@@ -121,7 +123,7 @@ def test_two_models_are_told_apart_where_they_differ():
 
 def test_models_that_are_not_ranked_have_no_part_in_the_next_test():
     data = measured("linearized", np.linspace(10.0, 80.0, 8), 2.0)
-    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["psi"])
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], SI, data, ["psi"])
     both = rank([calibrate(problem, starts=2) for problem in of_both])
     assert both.weights.tolist() == [1.0, 0.0]
     answer, alone = next_test(both.fits, draws=200), next_test(both.best, draws=200)
@@ -132,8 +134,8 @@ def test_models_that_are_not_ranked_have_no_part_in_the_next_test():
 
 def test_the_noise_of_a_row_is_that_of_the_models_by_their_weights():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
-    del data["uncertainty [in^3]"]
-    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["psi"])
+    del data["uncertainty [m^3]"]
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], SI, data, ["psi"])
     both = rank([posterior(problem, draws=125) for problem in of_both])
     at = {"candidates": {"alpha": [0.3]}, "for_prediction": {"alpha": 0.3}}
     of_each = [next_test(fit, **at).noise[0] for fit in both.fits]
@@ -143,17 +145,28 @@ def test_the_noise_of_a_row_is_that_of_the_models_by_their_weights():
 
 def test_a_fit_by_least_squares_has_a_next_test():
     fit = calibrate(
-        FitProblem("linearized", TABLE_1, measured("linearized", np.array([10.0, 30.0, 60.0]), 2.0), ["k", "psi"])
+        FitProblem("linearized", SI, measured("linearized", np.array([10.0, 30.0, 60.0]), 2.0), ["k", "psi"])
     )
     answer = next_test(fit)
     assert 0 < answer.prediction.max() < 1
     assert np.rad2deg(answer.asked["alpha"]) == pytest.approx(31.7, abs=8)
 
 
+def test_the_next_test_is_the_same_for_a_case_in_inch_pound_units():
+    data = measured("linearized", np.array([10.0, 60.0]), 2.0) | {"speed [m/s]": [111.76, 111.76]}
+    asked = {"candidates": {"alpha": [0.3], "v0": "100 m/s"}, "for_prediction": {"alpha": 0.5, "v0": "60 m/s"}}
+    fits = [calibrate(FitProblem("linearized", p, data, ["psi"]), starts=1) for p in (SI, TABLE_1)]
+    in_si, in_inches = (next_test(fit, draws=200, **asked) for fit in fits)
+    np.testing.assert_array_equal(in_inches.prediction, in_si.prediction)
+    # Its own rows, at their speeds, are asked for as well.
+    of_si, of_inches = (fit.predictor.findings for fit in fits)
+    assert of_si == of_inches
+
+
 @pytest.fixture(scope="module")
 def drawn():
     return posterior(
-        FitProblem("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"]), draws=125
+        FitProblem("linearized", SI, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"]), draws=125
     )
 
 
@@ -174,7 +187,7 @@ def test_what_makes_no_sense_is_refused(drawn, options, message):
 
 @pytest.fixture(scope="module")
 def fit(drawn):
-    return calibrate(FitProblem("linearized", TABLE_1, drawn.data, ["psi"]))
+    return calibrate(FitProblem("linearized", SI, drawn.data, ["psi"]))
 
 
 @pytest.mark.parametrize(
@@ -182,7 +195,7 @@ def fit(drawn):
     [
         ([], {}, "`alpha` must hold at least one angle"),
         (np.zeros((0, 3)), {"v0": 1.0}, "`alpha` must hold at least one angle"),
-        (["20 deg"], {}, "`alpha` must hold real numbers"),
+        (["20"], {}, "`alpha` must have a unit"),
         ([[0.1], [0.2, 0.3]], {}, "`alpha` must hold real numbers"),
         (0.3 + 1j, {}, "`alpha` must be a number"),
         (None, {}, "`alpha` must be a number"),
@@ -192,7 +205,8 @@ def fit(drawn):
         ([0.1], {"psi": 0.1}, "parameters of the case that are known, but has 'psi'"),
         ([0.1], {"speed": 0.1}, "parameters of the case that are known, but has 'speed'"),
         ([0.1], {"v0": -1.0}, "`v0` must be positive and finite"),
-        ([0.1], {"v0": "60 m/s"}, "`v0` must be a number"),
+        ([0.1], {"v0": "60"}, "`v0` must have a unit"),
+        ([0.1], {"v0": "60 kg"}, "`v0` must be a speed"),
         ([0.1, 0.2], {"v0": [1.0, 2.0, 3.0]}, "must broadcast"),
     ],
 )
@@ -221,10 +235,10 @@ def test_a_ranking_is_refused_where_fits_are_asked_for(drawn):
 
 
 def test_conditions_broadcast_with_angles(drawn):
-    both = drawn.predictor.draw([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)
+    both = drawn.predictor.draw([[0.3], [0.5]], {"v0": [75.0, 100.0]}, 5)
     assert both.shape == (5, 2, 2)
-    alone = drawn.of_model.draw(0.5, {"v0": 3000.0}, 5)
-    np.testing.assert_array_equal(drawn.of_model.draw([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)[:, 1, 0], alone)
+    alone = drawn.of_model.draw(0.5, {"v0": 75.0}, 5)
+    np.testing.assert_array_equal(drawn.of_model.draw([[0.3], [0.5]], {"v0": [75.0, 100.0]}, 5)[:, 1, 0], alone)
 
 
 def test_an_angle_without_a_prediction_is_not_that_of_the_greatest_erosion(drawn, monkeypatch):

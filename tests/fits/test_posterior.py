@@ -22,9 +22,11 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
 from tests.fits.problems import drawn
 
+SI = TABLE_1.to("si")
+
 
 def volumes(degrees: np.ndarray) -> np.ndarray:
-    return np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    return np.asarray(LinearizedCut().volume(SI.replace(alpha=np.deg2rad(degrees))))
 
 
 def measured(rows: int, *, known: bool = True) -> dict[str, Any]:
@@ -34,27 +36,27 @@ def measured(rows: int, *, known: bool = True) -> dict[str, Any]:
     error = 0.03 * exact.max()
     data = {
         "angle [deg]": degrees,
-        "volume [in^3/impact]": exact + error * np.random.default_rng(0).standard_normal(rows),
+        "volume [m^3/impact]": exact + error * np.random.default_rng(0).standard_normal(rows),
     }
-    return {**data, "uncertainty [in^3]": np.full(rows, error)} if known else data
+    return {**data, "uncertainty [m^3]": np.full(rows, error)} if known else data
 
 
-def posterior(*free: str, p=TABLE_1, data=None, draws: int = 200, **options) -> Posterior:
+def posterior(*free: str, p=SI, data=None, draws: int = 200, **options) -> Posterior:
     return drawn("linearized", p, measured(8) if data is None else data, [*free], draws=draws, **options)
 
 
 @pytest.fixture(scope="module")
 def result() -> Posterior:
-    return posterior("k", "psi", p=TABLE_1.replace(k=3.0), data=measured(12), seed=1)
+    return posterior("k", "psi", p=SI.replace(k=3.0), data=measured(12), seed=1)
 
 
 def test_with_k_fixed_the_posterior_is_the_closed_one():
     data, law = measured(5), stats.norm(0.6, 0.15)
     drawn = posterior("cutting_fraction", data=data, priors={"cutting_fraction": law}, draws=10_000)
     # Volumes are proportional to the fraction: a normal prior gives a normal posterior, cut off at 0 and 1.
-    shape, error = volumes(data["angle [deg]"]), data["uncertainty [in^3]"]
+    shape, error = volumes(data["angle [deg]"]), data["uncertainty [m^3]"]
     variance = 1 / (1 / law.var() + np.sum((shape / error) ** 2))
-    mean = variance * (law.mean() / law.var() + np.sum(shape * data["volume [in^3/impact]"] / error**2))
+    mean = variance * (law.mean() / law.var() + np.sum(shape * data["volume [m^3/impact]"] / error**2))
     whole = stats.norm(mean, variance**0.5)
     closed = stats.truncnorm((0 - mean) / variance**0.5, (1 - mean) / variance**0.5, mean, variance**0.5)
     # Of 40 000 draws the mean is known to half a percent of the deviation, and the deviation to 0.4 %.
@@ -64,7 +66,7 @@ def test_with_k_fixed_the_posterior_is_the_closed_one():
     np.testing.assert_allclose(ends, closed.ppf([0.05, 0.95]), atol=0.03 * closed.std())
     # The marginal density of the data, of which the truncation keeps a part.
     joint: Any = np.diag(error**2) + law.var() * np.outer(shape, shape)
-    evidence = stats.multivariate_normal(law.mean() * shape, joint).logpdf(data["volume [in^3/impact]"])
+    evidence = stats.multivariate_normal(law.mean() * shape, joint).logpdf(data["volume [m^3/impact]"])
     evidence += np.log(whole.cdf(1) - whole.cdf(0)) - np.log(law.cdf(1.0) - law.cdf(0.0))
     assert drawn.log_evidence == pytest.approx(evidence, abs=0.05)
     assert drawn.log_evidence_error < 0.05
@@ -89,7 +91,7 @@ def test_draws_have_no_residuals_to_check(result):
 
 
 def test_the_same_seed_gives_the_same_draws(result):
-    again, other = (posterior("k", "psi", p=TABLE_1.replace(k=3.0), data=measured(12), seed=seed) for seed in (1, 2))
+    again, other = (posterior("k", "psi", p=SI.replace(k=3.0), data=measured(12), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(again.run.points, result.run.points)
     assert other.means["k"] != result.means["k"]
     assert other.means["k"] == pytest.approx(result.means["k"], abs=0.4 * result.deviations["k"])
@@ -103,12 +105,12 @@ def test_damaged_draws_are_refused_by_file_and_parameter(result, tmp_path):
         draws["psi"].values[0, 3] = value
         draws.to_netcdf(tmp_path / "bad.nc", group="posterior", engine="h5netcdf")
         with pytest.raises(ValueError, match=r"bad\.nc: must have finite draws of psi, one or more, but has not\.$"):
-            read_draws(tmp_path / "bad.nc", QUANTITIES, "si")
+            read_draws(tmp_path / "bad.nc", QUANTITIES)
     content = bytearray(path.read_bytes())
     content[content.index(np.ascontiguousarray(result.samples["psi"].values)[0, :4].tobytes()) + 6] ^= 1
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"draws\.nc: must hold the draws of a posterior"):
-        read_draws(path, QUANTITIES, "si")
+        read_draws(path, QUANTITIES)
 
 
 def test_a_file_has_arvizs_layout(result, tmp_path):
@@ -129,7 +131,7 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
 def test_a_file_keeps_what_was_known_before_the_tests(tmp_path):
     options = {"bounds": {"k": (1.0, 5.0)}, "priors": {"psi": stats.uniform(1.0, 99.0)}}
     free = posterior("k", "psi", draws=125, discrepancy=False, **options)
-    kept = read_draws(free.save(tmp_path / "draws.nc"), QUANTITIES, "inch-pound").typed
+    kept = read_draws(free.save(tmp_path / "draws.nc"), QUANTITIES).typed
     assert options_in_words(kept) == [
         "--prior", "k=loguniform(1, 5)", "--prior", "psi=uniform(1, 100)", "--discrepancy", "none",
     ]  # fmt: skip
@@ -148,7 +150,7 @@ def test_curves_and_best_angles_are_those_of_the_draws(result):
     noisy = result.of_model.draw(angles, count=800, noise=True)
     noisy = noisy - result.of_model.draw(angles, count=800)
     assert noisy.std() == pytest.approx(result.data.uncertainty[0], rel=0.1)
-    twice = result.of_model.draw(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50)
+    twice = result.of_model.draw(angles, {"v0": 2 * float(SI.v0)}, count=50)
     np.testing.assert_allclose(twice, 4 * curves, rtol=1e-5)
     best = result.alpha_max(100, discrepancy=False)
     np.testing.assert_allclose(best.to_dict()["alpha"], np.arctan(result.some(100)["k"]) / 2, rtol=1e-6)
@@ -164,7 +166,7 @@ def test_scipys_laws_are_priors():
 
 def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     data = measured(10, known=False)
-    data["erosion [-]"] = data.pop("volume [in^3/impact]") * 1e7
+    data["erosion [-]"] = data.pop("volume [m^3/impact]") * 1e7
     drawn = posterior("k", data=data)
     assert drawn.names == ("k", "scale", "noise", "relative_noise")
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
@@ -202,15 +204,15 @@ def test_bad_arguments(options, message):
 )
 def test_a_problem_refuses_priors_that_no_posterior_takes(name, law, message):
     with pytest.raises(ValueError, match=message):
-        FitProblem("linearized", TABLE_1, measured(8), ["psi"], priors={name: law})
+        FitProblem("linearized", SI, measured(8), ["psi"], priors={name: law})
 
 
 def test_rows_of_the_same_conditions_count_each():
     """They are one impact; the squares are those of all rows."""
     random = np.random.default_rng(3)
-    degrees, error = random.choice([20.0, 35.0, 60.0], 40), random.uniform(1e-6, 5e-6, 40)
-    data = {"angle [deg]": degrees, "volume [in^3/impact]": volumes(degrees) + error * random.standard_normal(40)}
-    problem = FitProblem("linearized", TABLE_1, {**data, "uncertainty [in^3]": error}, ["k", "psi"])
+    degrees, error = random.choice([20.0, 35.0, 60.0], 40), random.uniform(1.6e-11, 8e-11, 40)
+    data = {"angle [deg]": degrees, "volume [m^3/impact]": volumes(degrees) + error * random.standard_normal(40)}
+    problem = FitProblem("linearized", SI, {**data, "uncertainty [m^3]": error}, ["k", "psi"])
     likelihood, points = make_likelihood(problem), random.standard_normal((7, 2))
     predicted = problem.erosion(likelihood.values(points), problem.data.conditions)
     direct = np.sum(((predicted - problem.data.erosion) / error) ** 2, axis=1)
@@ -222,7 +224,7 @@ def test_rows_of_the_same_conditions_count_each():
 def test_a_default_prior_reaches_what_the_amounts_ask_for():
     """Weighings of a whole jet are often far below the cuts of the case: ψ is then hundreds of times the case's."""
     data = measured(8)
-    data |= {name: data[name] / 300 for name in ("volume [in^3/impact]", "uncertainty [in^3]")}
+    data |= {name: data[name] / 300 for name in ("volume [m^3/impact]", "uncertainty [m^3]")}
     drawn = posterior("k", "psi", data=data)
-    assert drawn.means["psi"] == pytest.approx(300 * TABLE_1.psi, rel=0.1)
+    assert drawn.means["psi"] == pytest.approx(300 * SI.psi, rel=0.1)
     assert not any(finding.about == "psi" for finding in drawn.findings)

@@ -23,7 +23,7 @@ from tests.models.test_own_parameters import FRICTION, MODEL, P
 # Grains of sand of 0.3 mm, of density 2650 kg/m³; the target's flow stress is that of steel at high strain rates.
 SAND = erosion.Parameters(
     k=2.0, psi=2.0, r=0.15e-3, b=0.3e-3, m=2650 * np.pi / 6 * 0.3e-3**3, v0=60.0, sigma=1.5e9, alpha=0.35,
-    inertia=0.4, units="si",
+    inertia=0.4,
 )  # fmt: skip
 DENSITY = 7850.0
 DEGREES = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80.0])
@@ -212,8 +212,8 @@ def data() -> erosion.Measurements:
     """What `TRUTH` gives, with errors of 1 %."""
     model, p = MODEL.replace(friction=TRUTH["friction"]), P.replace(psi=TRUTH["psi"], alpha=np.deg2rad(TO_53))
     volume = erosion.impact(model, p, derivatives=1, wrt=FREE).volume
-    columns = {"volume [in^3/impact]": with_errors(volume, 3), "uncertainty [in^3]": 0.01 * volume}
-    return erosion.read_measurements({"angle [deg]": TO_53, **columns}, "inch-pound")
+    columns = {"volume [m^3/impact]": with_errors(volume, 3), "uncertainty [m^3]": 0.01 * volume}
+    return erosion.read_measurements({"angle [deg]": TO_53, **columns})
 
 
 def test_a_fit_finds_friction_and_gives_the_model_back(data):
@@ -260,11 +260,11 @@ def test_the_name_of_the_scale_is_taken(data):
 
 
 STEPS = np.arange(5.0, 91.0, 5.0)
-# Numbers of the target as `DeformationWear` has them, in other units and far from what the curves ask for.
+# Numbers of the target as `DeformationWear` has them, and far from what the curves ask for.
 WORN = {
     "energy ratio": erosion.load_model("linearized-deformation"),
     "specific energy": Linearized(deformation=DeformationWear()),
-    "specific energy, guessed": Linearized(deformation=DeformationWear(specific_energy=50.0, threshold=3000.0)),
+    "specific energy, guessed": Linearized(deformation=DeformationWear(specific_energy=3.5e5, threshold=76.0)),
 }
 TURNING = "rotating-deformation"
 

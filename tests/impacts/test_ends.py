@@ -33,7 +33,8 @@ from erosion.parameters.quantities import read_axis, read_quantity
 from tests.fine_steps import wrong_ends
 from tests.parameters.test_parameters import GOOD, case_text
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
+INCH = 0.0254  # m
 
 
 # Each force and each torque; a force along the velocity has the ends of one at tan α.
@@ -65,7 +66,7 @@ def test_the_reference_itself_knows_the_closed_form():
 def test_a_dip_before_the_end_is_not_looked_for_for_ever():
     # Between the step's start and its end past zero is a dip that stays positive.
     p = P.replace(
-        k=3.416359702877047, v0=3865.5369915730844, r=0.18975583800561208, phidot0=-5538.944996032343,
+        k=3.416359702877047, v0=3865.5369915730844 * INCH, r=0.18975583800561208 * INCH, phidot0=-5538.944996032343,
         inertia=0.5376768582569, alpha=np.deg2rad(29.335018174890664) + 1e-9 * np.arange(-500, 500),
     )  # fmt: skip
     signature, numbers = split(erosion.load_model("rotating"), p)
@@ -154,7 +155,8 @@ BOTH_AT_ONCE = [
 @pytest.mark.parametrize(("row", "order"), [*zip(BOTH_AT_ONCE, (0, 2, 0, 2, 0), strict=True)])
 def test_of_two_ends_at_almost_the_same_time_the_first_is_taken(row: tuple, order: int) -> None:
     name, *numbers, angle = row
-    p = P.replace(**dict(zip(("k", "v0", "r", "phidot0", "inertia"), numbers, strict=True)))
+    given = dict(zip(("k", "v0", "r", "phidot0", "inertia"), numbers, strict=True))
+    p = P.replace(**given | {"v0": given["v0"] * INCH, "r": given["r"] * INCH})
     beside = np.logspace(-10, -7, 31)
     for rtol in (1e-9, 1e-11):
         below, above = (
@@ -168,11 +170,11 @@ def test_of_two_ends_at_almost_the_same_time_the_first_is_taken(row: tuple, orde
 def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
     # Turned by radians within a step; the figure is scipy's, at 1e-12 with steps of 1e-5 of the time scale.
     p = P.replace(psi=1e-6, alpha=0.3141, phidot0=-2958.0)
-    assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8, abs=0)
+    assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336 * INCH**3, rel=1e-8, abs=0)
     # At once: not because a lane of so many steps is integrated again.
     signature, numbers = split(erosion.load_model("rotating"), p)
     first = integrate(signature, numbers, 1, 0, (), 1e-9, refines=False)
-    assert first.outputs.value[0][0] == pytest.approx(6.7725336, rel=1e-8, abs=0)
+    assert first.outputs.value[0][0] == pytest.approx(6.7725336 * INCH**3, rel=1e-8, abs=0)
 
 
 @pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
@@ -203,7 +205,7 @@ def random_impacts(count: int) -> erosion.Parameters:
     alpha = np.where(rng.random(count) < 0.2, between(1e-6, np.pi / 2), rng.uniform(1e-6, np.pi / 2, count))
     return erosion.Parameters(
         k=k, psi=psi, r=r, b=b, m=m, v0=v0, sigma=sigma, alpha=alpha, phidot0=rng.uniform(-1, 1, count) * v0 / r,
-        inertia=between(0.1, 2), units="si",
+        inertia=between(0.1, 2),
     )  # fmt: skip
 
 

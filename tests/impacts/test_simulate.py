@@ -21,7 +21,7 @@ from erosion.impacts.trajectory import SimulationError, TurnWarning, path, path 
 from erosion.plotting.motion import plot_trajectory
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 
 
@@ -46,7 +46,7 @@ def test_as_printed_is_the_literal_reading():
 
 
 @pytest.mark.parametrize("name", CLOSED)
-@pytest.mark.parametrize("degrees", [0.01, 5, 20, 45, 63, 89, 89.99])
+@pytest.mark.parametrize("degrees", [0.01, 5, 20, 44, 63, 89, 89.99])
 def test_motion_equals_the_closed_form(name, degrees):
     p = P.replace(alpha=np.deg2rad(degrees), phidot0=3000.0)
     cut, exact = erosion.simulate(name, p), closed_form(name)
@@ -152,7 +152,7 @@ def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     p = P.replace(alpha=1e-5, phidot0=0.9 * P.v0 / P.r)
     cut = erosion.simulate("rotating", p)
     assert cut.ended_by == "rebound"
-    assert cut.t_c == pytest.approx(2 * float(p.v0) * 1e-5 / (0.04 * float(p.phidot0) ** 2), rel=1e-3, abs=0)
+    assert cut.t_c == pytest.approx(2 * float(p.v0) * 1e-5 / (float(p.r) * float(p.phidot0) ** 2), rel=1e-3, abs=0)
 
 
 @pytest.mark.parametrize("alpha", [1e-6, 1e-5, 1e-3])
@@ -176,8 +176,8 @@ def test_a_graze_that_step_ends_cannot_see():
     p = P.replace(k=1.0)
     jump = np.deg2rad(39.99624582)
     below, above = (erosion.simulate("rotating", p.replace(alpha=jump + d)) for d in (-1e-6, 1e-6))
-    assert below.volume == pytest.approx(1.77719894e-4, rel=1e-4, abs=0)
-    assert above.volume == pytest.approx(7.14990785e-5, rel=1e-2, abs=0)  # its slope diverges at the jump
+    assert below.volume == pytest.approx(1.77719894e-4 * 0.0254**3, rel=1e-4, abs=0)
+    assert above.volume == pytest.approx(7.14990785e-5 * 0.0254**3, rel=1e-2, abs=0)  # its slope diverges at the jump
 
 
 def test_a_far_turn_is_said_in_plain_words():
@@ -322,13 +322,14 @@ def test_the_state_is_that_of_the_independent_engine() -> None:
 def test_the_state_moves_with_the_parameters() -> None:
     model = erosion.load_model("rotating")
     hit = erosion.impact(model, SPUN, wrt=("alpha", "k"), derivatives=2)
-    assert np.allclose(hit.end.integrals["volume"], hit.volume, rtol=1e-9)
-    assert np.allclose(hit.end.along("alpha", "k").integrals["volume"], hit.d2volume[:, 0, 1], rtol=1e-6)
+    assert hit.end.integrals["volume"] == pytest.approx(hit.volume, rel=1e-9)
+    assert hit.end.along("alpha", "k").integrals["volume"] == pytest.approx(hit.d2volume[:, 0, 1], rel=1e-6)
     h = 1e-5
     up, down = (erosion.impact(model, SPUN.replace(alpha=ALPHAS + s * h), wrt="k", derivatives=1).end for s in (1, -1))
     for name in ("vx", "vy", "omega", "phi", "x"):
         first, mixed = hit.end.along("alpha").y, hit.end.along("alpha", "k").y
-        assert np.allclose(getattr(first, name), (getattr(up.y, name) - getattr(down.y, name)) / (2 * h), rtol=1e-5)
+        slope = (getattr(up.y, name) - getattr(down.y, name)) / (2 * h)
+        assert getattr(first, name) == pytest.approx(slope, rel=1e-5)
         of_k = (getattr(up.along("k").y, name) - getattr(down.along("k").y, name)) / (2 * h)
         assert np.allclose(getattr(mixed, name), of_k, rtol=1e-4, atol=1e-4 * np.max(np.abs(of_k)))
 
@@ -368,9 +369,9 @@ def test_a_model_s_problem_ends_as_its_impact(name: str) -> None:
     model = erosion.load_model(name)
     hit = erosion.impact(model, SPUN, derivatives=2)
     end = ode.solve(model.problem(), SPUN, start="end", wrt="alpha", derivatives=2)
-    assert np.allclose(end.integrals["volume"], hit.volume, rtol=1e-9)
-    assert np.allclose(end.t, hit.t_c, rtol=1e-9)
-    assert np.allclose(end.along("alpha", "alpha").integrals["volume"], hit.d2volume, rtol=1e-5)
+    assert end.integrals["volume"] == pytest.approx(hit.volume, rel=1e-9)
+    assert end.t == pytest.approx(hit.t_c, rel=1e-9)
+    assert end.along("alpha", "alpha").integrals["volume"] == pytest.approx(hit.d2volume, rel=1e-5)
     assert [{"start": "no-cut"}.get(word, word) for word in end.ended_by] == hit.ended_by.tolist()
 
 
@@ -405,14 +406,14 @@ def test_a_second_cut_adds_to_the_first() -> None:
     assert end.ended_by == "away"
     assert end.events.name.tolist() == ["leaves", "enters", "leaves", "away"]
     known = [5.9673558537978376e-05, 0.00016149721385257435, 0.00019475525776928046, 0.00036676674232124124]
-    assert np.allclose(end.events.t, known, rtol=1e-9)
+    assert end.events.t == pytest.approx(known, rel=1e-9)
     assert end.integrals["volume"] / erosion.impact(model, shallow).volume == pytest.approx(1.19199967051142, rel=1e-9)
 
 
 def test_the_motion_of_a_slow_sphere_is_known_to_the_last_digit() -> None:
     """At 45° a derivative of the state vanishes: a tolerance of 1e-12 of itself would be below rounding."""
     sphere = erosion.Parameters(
-        k=10, psi=1, r=2.5e-3, b=2.5e-3, m=5.13781e-4, v0=11.983, sigma=6.3146e8, alpha=np.pi / 4, units="si"
+        k=10, psi=1, r=2.5e-3, b=2.5e-3, m=5.13781e-4, v0=11.983, sigma=6.3146e8, alpha=np.pi / 4
     )
     path = erosion.simulate("linearized", sphere)
     fast = follow(erosion.load_model("linearized"), sphere)

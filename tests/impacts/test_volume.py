@@ -15,7 +15,7 @@ import erosion
 from erosion.parameters.parameters import QUANTITIES
 from tests.reference import closed_form
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
 MODEL = erosion.load_model("linearized")
 
 
@@ -110,7 +110,9 @@ def test_volumes_of_many_angles_are_the_impacts():
     assert np.array_equal(
         jax.jit(jax.vmap(one))(angles), erosion.impact("rotating", P.replace(alpha=angles), rtol=1e-11).volume
     )
-    assert np.asarray(jax.jit(jax.vmap(jax.grad(one)))(angles)) == pytest.approx(hits.dvolume, rel=1e-9, abs=1e-13)
+    assert np.asarray(jax.jit(jax.vmap(jax.grad(one)))(angles)) == pytest.approx(
+        hits.dvolume, rel=1e-9, abs=2e-10 * np.abs(hits.dvolume).max()
+    )
     nested = jax.vmap(jax.vmap(one))(angles.reshape(3, 100))
     assert np.asarray(nested).ravel() == pytest.approx(hits.volume, rel=1e-9)
 

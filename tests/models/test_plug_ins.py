@@ -11,7 +11,7 @@ import erosion
 from erosion.models import CentreOfMassTip, Linearized, NoTorque, Rotating
 from tests.reference import closed_form
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
 CASES = [P, P.replace(alpha=0.9, phidot0=0.2 * P.v0 / P.r)]
 FOLDER = Path(__file__).parents[2] / "models"
 FILES = sorted(FOLDER.glob("*.py"))

@@ -28,7 +28,7 @@ def sphere(v0: float, angle: float) -> erosion.Parameters:
     mass = 4 / 3 * math.pi * radius**3 * density
     stiffness = 2 * math.pi * radius * PRESSURE
     return erosion.Parameters(k=ratio, psi=1.0, r=radius, b=radius, m=mass, v0=v0, alpha=math.radians(angle),
-                              sigma=stiffness / (ratio * radius), inertia=0.4, units="si")  # fmt: skip
+                              sigma=stiffness / (ratio * radius), inertia=0.4)  # fmt: skip
 
 
 def depth(v0: float) -> float:

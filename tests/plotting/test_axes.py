@@ -62,6 +62,7 @@ from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import prepare_sweep
 
 P = erosion.TABLE_1
+INCH = 0.0254  # m
 ANGLES = np.deg2rad(np.linspace(5, 85, 9))
 FIGURES = {
     plot_optimum: lambda: erosion.alpha_max("linearized", P),
@@ -236,19 +237,20 @@ def test_histories_are_the_closed_form(cut: Trajectory) -> None:
     panels = plot_histories(new_figure(), cut, CLOSED)
     exact = CLOSED.state(cut.t, TABLE_1)
     for panel, values in zip(panels, (exact.x, exact.y, exact.vx, exact.vy), strict=True):
+        in_inches = np.asarray(values) / INCH
         time, drawn = line(panel, "tip")
         np.testing.assert_allclose(time, np.linspace(0, 66.353363429, 201), rtol=1e-9)
         # The solver's tolerance of 1e-12 relative, against the greatest value: y returns to 0.
-        np.testing.assert_allclose(drawn, np.asarray(values), atol=1e-10 * np.abs(drawn).max())
-        np.testing.assert_allclose(line(panel, "closed form")[1], np.asarray(values), rtol=1e-14)
+        np.testing.assert_allclose(drawn, in_inches, atol=1e-10 * np.abs(drawn).max())
+        np.testing.assert_allclose(line(panel, "closed form")[1], in_inches, rtol=1e-14)
     assert [panel.get_ylabel() for panel in panels] == ["x  [in]", "y  [in]", "ẋ  [in/s]", "ẏ  [in/s]"]
 
 
 def test_path_points_down_into_the_target(cut: Trajectory) -> None:
     ax = plot_path(cut, ax=new_axes()[1])
     x, depth = line(ax, "path of the tip")
-    np.testing.assert_allclose(x, cut.x_tip, rtol=1e-12)
-    np.testing.assert_allclose(depth, cut.depth, rtol=1e-12)
+    np.testing.assert_allclose(x, cut.x_tip / INCH, rtol=1e-12)
+    np.testing.assert_allclose(depth, cut.depth / INCH, rtol=1e-12)
     bottom, top = ax.get_ylim()
     assert bottom > depth.max() > 0 > top
     assert line(ax, "start").ravel() == pytest.approx([0, 0])
@@ -258,16 +260,16 @@ def test_path_points_down_into_the_target(cut: Trajectory) -> None:
     # The shoelace formula on the filled outline, times the width, is the volume.
     twice = np.sum(corners[:-1, 0] * corners[1:, 1] - corners[1:, 0] * corners[:-1, 1])
     # 200 trapezes of an arc: relative error of 1e-4.
-    assert abs(twice) / 2 * TABLE_1.b == pytest.approx(cut.volume, rel=1e-4)
+    assert abs(twice) / 2 * INCH**2 * TABLE_1.b == pytest.approx(cut.volume, rel=1e-4)
 
 
 def test_rotating_body_shows_tip_and_centre_of_mass() -> None:
     cut = simulate("rotating", TABLE_1)
     fig = plot_trajectory(cut)
     x_panel, y_panel = fig.subfigs[1].axes[:2]
-    np.testing.assert_allclose(line(x_panel, "tip")[1], cut.x_tip)
-    np.testing.assert_allclose(line(x_panel, "centre of mass")[1], cut.x)
-    np.testing.assert_allclose(line(y_panel, "centre of mass")[1], cut.y)
+    np.testing.assert_allclose(line(x_panel, "tip")[1], cut.x_tip / INCH)
+    np.testing.assert_allclose(line(x_panel, "centre of mass")[1], cut.x / INCH)
+    np.testing.assert_allclose(line(y_panel, "centre of mass")[1], cut.y / INCH)
     heading = fig.get_suptitle()
     assert heading.startswith("rotating at α = 20°: rebound after 49.68 µs")
     assert "1.0141·10⁻⁴ in³ removed, turned by 69.69°" in heading
@@ -279,7 +281,7 @@ def test_end_times_are_both_candidates_and_the_lesser() -> None:
     rebound = np.pi / 47346.4 * np.ones(4)
     stop = np.array([np.nan, *np.arccos(1 - 2 / np.tan(angles[1:])) / 47346.4])
     ends = {name: np.asarray(times) for name, times in CLOSED.end_times(p).items()}
-    ax = plot_end_times(new_axes()[1], angles, ends, np.asarray(CLOSED.t_c(p)), units=p.units,
+    ax = plot_end_times(new_axes()[1], angles, ends, np.asarray(CLOSED.t_c(p)), system=p.shown_in,
                         marks={"cusp": (np.pi / 4, rebound[0])})  # fmt: skip
     # ω is typed in above to six digits.
     np.testing.assert_allclose(line(ax, "rebound"), [np.rad2deg(angles), rebound * 1e6], rtol=1e-5)
@@ -294,7 +296,7 @@ def test_bars_are_the_midpoint_rule(cut: Trajectory) -> None:
     bars = sum(bar.get_bbox().width * bar.get_bbox().height for bar in ax.patches if isinstance(bar, Rectangle))
     assert ax.get_ylabel() == "$dV/dt$  [10⁻⁶ in³/µs]"
     # The midpoint rule with 100 bars errs by 4.1e-5, here and in the report's table.
-    assert bars * 1e-6 / cut.volume - 1 == pytest.approx(4.11e-5, rel=0.01)
+    assert bars * 1e-6 * INCH**3 / cut.volume - 1 == pytest.approx(4.11e-5, rel=0.01)
 
 
 SPRING = ode.Problem(
@@ -326,7 +328,7 @@ def test_a_line_for_each_part_and_a_mark_at_each_end() -> None:
         (lambda: plot_solution(ode.solve(SPRING, {"c": np.ones(0)}, t1=1.0, ts=[0.5])), "has 0"),
         (lambda: plot_solution(ode.solve(SPRING, {"c": np.ones(13)}, t1=1.0, ts=[0.5])), "lanes"),
         (
-            lambda: plot_sweep(make(alpha=[0.2, 0.3], k=[2.0], v0=[2200.0])),
+            lambda: plot_sweep(make(alpha=[0.2, 0.3], k=[2.0], v0=["2200 in/s"])),
             r"one or two dimensions, .* to be drawn; this is 2 alpha × 1 k × 1 v0\.$",
         ),
     ],
@@ -346,7 +348,7 @@ def test_one_axis_is_a_curve_in_degrees():
     ax = plot_sweep(found).axes[0]
     degrees, volume = ax.lines[0].get_data()
     np.testing.assert_allclose(np.asarray(degrees), [10, 20, 30])
-    np.testing.assert_allclose(np.asarray(volume) * 1e-4, found.volume, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(volume) * 1e-4 * INCH**3, found.volume, rtol=1e-12)
     assert ax.get_xlabel() == "α  angle of attack  [°]"
     assert ax.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
 
@@ -361,7 +363,7 @@ def test_a_sweep_is_dotted_where_the_body_turns_by_more_than_90_degrees():
     drawn = {(line.get_color(), line.get_linestyle()): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
     for color, volume, turned in zip(("blue", "vermillion"), found.volume.values, beyond, strict=True):
         np.testing.assert_array_equal(np.isnan(drawn[PALETTE[color], "-"]), turned)
-        np.testing.assert_allclose(drawn[PALETTE[color], ":"][turned] * 1e-4, volume[turned], rtol=1e-12)
+        np.testing.assert_allclose(drawn[PALETTE[color], ":"][turned] * 1e-4 * 0.0254**3, volume[turned], rtol=1e-12)
     assert labels(fig) == ["k = 1", "k = 2", BEYOND_LABEL]
     *_, sample = fig.legends[0].legend_handles
     assert isinstance(sample, Line2D)
@@ -373,9 +375,9 @@ def test_a_sweep_is_dotted_where_the_body_turns_by_more_than_90_degrees():
 def test_few_values_of_a_second_axis_are_a_family():
     ax = plot_sweep(make(k=[1.0, 2.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["k = 1", "k = 2"]
-    ax = plot_sweep(make(v0=[2200.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
+    ax = plot_sweep(make(v0=["2200 in/s"], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["v₀ = 2200 in/s"]
-    ax = plot_sweep(make(v0=[6543.21, 14437.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
+    ax = plot_sweep(make(v0=["6543.21 in/s", "14437 in/s"], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["v₀ = 6543 in/s", "v₀ = 14437 in/s"]
 
 
@@ -384,25 +386,25 @@ def test_a_family_marks_the_values_that_remove_something(name: str, maxima: int)
     backwards = P.replace(phidot0=-2 * P.v0 / P.r)
     family = families_of("rotating", backwards, ANGLES)[name]
     assert np.sum(family.kind != "none") == maxima
-    ax = family.figure(P.units).axes[0]
+    ax = family.figure(P.shown_in).axes[0]
     marks = [line.get_label() for line in ax.lines if line.get_marker() != "None"]
     assert len(marks) == maxima
     assert all(label in ("greatest", "approached, not reached") for label in marks)
 
 
 def test_many_values_of_a_second_axis_are_a_map():
-    found = make(alpha=np.deg2rad(np.linspace(1, 89, 12)), v0=np.linspace(1000, 4000, 9))
+    found = make(alpha=np.deg2rad(np.linspace(1, 89, 12)), v0="1000 in/s : 4000 in/s : 9")
     ax = plot_sweep(found).axes[0]
     (image,) = [one for one in ax.collections if isinstance(one, QuadMesh)]
-    np.testing.assert_allclose(np.asarray(image.get_array()) * 1e-4, found.volume.T, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(image.get_array()) * 1e-4 * INCH**3, found.volume.T, rtol=1e-12)
     assert ax.get_ylabel() == "v₀  impact speed  [in/s]"
 
 
 def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     angles = np.deg2rad(np.linspace(10, 90, 9))
-    curve = np.full(9, 2e-4)
+    curve = np.full(9, 2e-4 * INCH**3)
     best = Estimate(np.deg2rad(40), 0.01, np.deg2rad(39), np.deg2rad(41))
-    top = Estimate(2e-4, 0.0, 2e-4, 2e-4)
+    top = Estimate(curve[0], 0.0, curve[0], curve[0])
     nozzle = NozzleAngle(best, top, False, angles, curve, curve / 10, 0.5, "jump", angles, curve, angles > 0.5)
     ax = plot_nozzle_angle(new_axes()[1], nozzle, "inch-pound")
     labels = [str(line.get_label()) for line in ax.lines]

@@ -26,15 +26,17 @@ from erosion.plotting.fits import (
 )
 from erosion.plotting.labels import coinciding
 
+SI = TABLE_1.to("si")
+
 DEGREES = np.linspace(5.0, 88.0, 12)
 
 
 @pytest.fixture(scope="module")
 def fit():
-    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))
-    noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(12)
-    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(12, 6e-6)}
-    return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"]), starts=1)
+    volume = np.asarray(LinearizedCut().volume(SI.replace(alpha=np.deg2rad(DEGREES))))
+    noisy = volume + 1e-10 * np.random.default_rng(1).standard_normal(12)
+    table = {"angle [deg]": DEGREES, "volume [m^3/impact]": noisy, "uncertainty [m^3]": np.full(12, 1e-10)}
+    return calibrate(FitProblem("linearized", SI, table, ["k", "psi"]), starts=1)
 
 
 def drawn(ax: Axes, label: str, which: int = 0) -> np.ndarray:
@@ -51,22 +53,22 @@ def measured(ax: Axes) -> np.ndarray:
 
 def test_data_fit_band_and_residuals(fit):
     upper, lower = plot_calibration([fit, fit]).axes
-    assert upper.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
-    np.testing.assert_allclose(measured(upper), [DEGREES, fit.data.erosion * 1e4])
+    assert upper.get_ylabel() == "$V$  removed volume  [mm³]"
+    np.testing.assert_allclose(measured(upper), [DEGREES, fit.data.erosion * 1e9])
     degrees, best = drawn(upper, "linearized")
-    np.testing.assert_allclose(best, fit.curve(np.deg2rad(degrees))[0] * 1e4)
+    np.testing.assert_allclose(best, fit.curve(np.deg2rad(degrees))[0] * 1e9)
     np.testing.assert_allclose(drawn(upper, "linearized, as linearized")[1], best)
     (band,) = [one for one in upper.collections if isinstance(one, PolyCollection)]
     highest = np.asarray(band.get_paths()[0].vertices)[:, 1].max()
     predicted = erosion.predict(fit, np.deg2rad(np.arange(5.0, 90.0))).columns["mean_high"].max()
-    assert highest == pytest.approx(predicted * 1e4, rel=0.02)
-    np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
+    assert highest == pytest.approx(predicted * 1e9, rel=0.02)
+    np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e9)
 
 
 def test_predictions_at_the_speed_of_the_tests_have_the_rows(fit):
-    (ax,) = plot_means(fit.predictor, [{"v0": float(TABLE_1.v0)}]).axes
-    np.testing.assert_allclose(measured(ax), [DEGREES, fit.data.erosion * 1e4])
-    (faster,) = plot_means(fit.predictor, [{"v0": 2 * float(TABLE_1.v0)}]).axes
+    (ax,) = plot_means(fit.predictor, [{"v0": float(SI.v0)}]).axes
+    np.testing.assert_allclose(measured(ax), [DEGREES, fit.data.erosion * 1e9])
+    (faster,) = plot_means(fit.predictor, [{"v0": 2 * float(SI.v0)}]).axes
     assert not [one for one in faster.containers if isinstance(one, ErrorbarContainer)]
 
 
@@ -80,11 +82,11 @@ def test_a_fit_is_called_the_same_where_it_is_in_each_group():
 @pytest.fixture(scope="module")
 def at_two_speeds():
     """Rows at two speeds in mg/kg, from a curve of another shape than the fitted one."""
-    speed = np.repeat([2000.0, 4000.0], 6)
-    p = TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=speed)
-    loss = np.asarray(LinearizedCut().volume(p)) / float(TABLE_1.m) * 1e-7 * np.exp(0.6 * np.sin(DEGREES / 12))
-    table = {"angle [deg]": DEGREES, "mass_loss [mg/kg]": loss * 1e6, "speed [in/s]": speed}
-    return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"], density=1e-7), starts=1)
+    speed = np.repeat([50.0, 100.0], 6)
+    p = SI.replace(alpha=np.deg2rad(DEGREES), v0=speed)
+    loss = np.asarray(LinearizedCut().volume(p)) / float(SI.m) * 2700 * np.exp(0.6 * np.sin(DEGREES / 12))
+    table = {"angle [deg]": DEGREES, "mass_loss [mg/kg]": loss * 1e6, "speed [m/s]": speed}
+    return calibrate(FitProblem("linearized", SI, table, ["k", "psi"], density=2700), starts=1)
 
 
 def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
@@ -95,7 +97,7 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     heights = [np.asarray(line.get_ydata()).max() for line in curves[:2]]
     assert heights[1] == pytest.approx(4 * heights[0])
     bars = [one for one in upper.containers if isinstance(one, ErrorbarContainer)]
-    assert [one.get_label() for one in bars] == ["v₀ = 2000 in/s", "v₀ = 4000 in/s"]
+    assert [one.get_label() for one in bars] == ["v₀ = 50 m/s", "v₀ = 100 m/s"]
     assert [one.lines[0].get_color() for one in bars] == [line.get_color() for line in curves[:2]]
     assert [np.asarray(one.lines[0].get_data()).shape for one in bars] == [(2, 6), (2, 6)]
     assert [one.lines[0].get_color() for one in lower.containers if isinstance(one, ErrorbarContainer)] == [
@@ -106,9 +108,9 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
 @pytest.fixture(scope="module")
 def result():
     degrees = np.linspace(8.0, 80.0, 8)
-    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
-    data = {"angle [deg]": degrees, "volume [in^3/impact]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
-    return posterior(FitProblem("linearized", TABLE_1, data, ["sigma", "psi", "k"]), draws=125)
+    volume = np.asarray(LinearizedCut().volume(SI.replace(alpha=np.deg2rad(degrees))))
+    data = {"angle [deg]": degrees, "volume [m^3/impact]": volume, "uncertainty [m^3]": np.full(8, 8e-11)}
+    return posterior(FitProblem("linearized", SI, data, ["sigma", "psi", "k"]), draws=125)
 
 
 def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):
@@ -134,10 +136,10 @@ def test_a_prediction_has_bands_and_how_cuts_end(result):
     fig = plot_prediction(result)
     upper, lower = fig.axes
     angles, median = upper.lines[0].get_data()
-    exact = LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(angles)))
+    exact = LinearizedCut().volume(SI.replace(alpha=np.deg2rad(angles)))
     # Beyond the tests, up to 80°, metals are expected to wear at 90°.
     tested = np.asarray(angles) <= 80.0
-    np.testing.assert_allclose(1e-4 * np.asarray(median)[tested], np.asarray(exact)[tested], atol=0.03 * np.max(exact))
+    np.testing.assert_allclose(1e-9 * np.asarray(median)[tested], np.asarray(exact)[tested], atol=0.03 * np.max(exact))
     labels = fig.legends[0].get_texts()
     assert {"95%", "50%", "median", "measured", "rebound", "stop"} <= {text.get_text() for text in labels}
     assert lower.get_ylim() == (0, 1)
@@ -155,16 +157,16 @@ def test_best_angles_are_coloured_by_kind(result):
 
 def test_the_next_test_has_a_curve_for_each_speed_and_a_star(result):
     angles = np.deg2rad([20.0, 60.0, 40.0])
-    answer = next_test(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
+    answer = next_test(result, {"alpha": angles[:, None], "v0": [200.0, 100.0]})
     ax, lower = plot_next_test(answer).axes
     slow, fast, star = ax.lines
-    assert [line.get_label() for line in ax.lines[:2]] == ["4400 in/s", "8800 in/s"]
+    assert [line.get_label() for line in ax.lines[:2]] == ["100 m/s", "200 m/s"]
     np.testing.assert_allclose(np.asarray(slow.get_xdata()), [20, 40, 60])
     np.testing.assert_allclose(np.asarray(fast.get_ydata()), 100 * answer.prediction[[0, 4, 2]])
     assert star.get_ydata() == 100 * answer.prediction.max()
     np.testing.assert_allclose(np.asarray(lower.lines[1].get_ydata()), 100 * answer.parameters[[0, 4, 2]])
     assert str(star.get_label()).startswith("best: ")
-    assert str(star.get_label()).endswith(", 4400 in/s")
+    assert str(star.get_label()).endswith(", 100 m/s")
 
 
 def test_the_label_of_a_small_number_stays_on_the_paper(result):

@@ -11,6 +11,8 @@ from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import ReportCase
 from erosion.report.questions.linearized import midpoint_rule
 
+SI = TABLE_1.to("si")
+
 N = 200
 RNG = np.random.default_rng(16)
 K = 10 ** RNG.uniform(-1, 1, N)
@@ -23,8 +25,8 @@ ROTATING = ("rotating", "rotating-full-torque")
 
 def cases(**changes: np.ndarray | float) -> Parameters:
     """200 cases about Table 1, without spin."""
-    values = {name: getattr(TABLE_1, name) * factor for name, factor in FACTORS.items()}
-    return TABLE_1.replace(**{**values, "k": K, "alpha": ALPHA, "phidot0": 0.0, **changes})
+    values = {name: getattr(SI, name) * factor for name, factor in FACTORS.items()}
+    return SI.replace(**{**values, "k": K, "alpha": ALPHA, "phidot0": 0.0, **changes})
 
 
 def volume(model: str, p: Parameters) -> np.ndarray:
@@ -47,7 +49,7 @@ def test_spin_has_no_direction_that_holds_in_every_case() -> None:
 
 
 def test_a_small_turn_does_not_make_the_linearization_fair() -> None:
-    large = TABLE_1.replace(r=1000 * TABLE_1.r)
+    large = SI.replace(r=1000 * SI.r)
     cut = path(load_model("rotating"), large)
     assert abs(cut.turn) < np.deg2rad(1)
     assert abs(cut.volume / float(LinearizedCut().volume(large)) - 1) > 0.1
@@ -70,7 +72,7 @@ def test_nothing_is_cut_where_the_tip_moves_backward_and_only_there(model: str) 
 @pytest.mark.parametrize("model", ["linearized", *ROTATING])
 def test_all_parameters_act_through_omega_k_and_s(model: str) -> None:
     reach = np.asarray(cases().r * cases().rate / cases().v0)
-    plain = TABLE_1.replace(k=K, alpha=ALPHA, phidot0=0.0)
+    plain = SI.replace(k=K, alpha=ALPHA, phidot0=0.0)
     r = reach * np.asarray(plain.v0 / plain.rate)
     spins = S if model != "linearized" else 0 * S
     one = volume(model, cases(phidot0=spins * cases().v0 / cases().r))
@@ -125,25 +127,25 @@ def test_a_force_against_the_motion_is_one_along_the_line_of_impact(end: str) ->
 def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
     p = cases()
     for i in range(0, N, 10):
-        case = ReportCase(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random")
+        case = ReportCase(SI.replace(k=K[i], alpha=ALPHA[i]), "random")
         few, many = (midpoint_rule(case, panels) / case.volume - 1 for panels in (50, 100))
         assert few / many == pytest.approx(4, rel=0.05)
     assert p.k.size == N
 
 
 def test_every_cut_that_turns_by_more_than_90_degrees_is_counted() -> None:
-    p = TABLE_1.replace(k=K, alpha=ALPHA, phidot0=S * TABLE_1.v0 / TABLE_1.r)
+    p = SI.replace(k=K, alpha=ALPHA, phidot0=S * SI.v0 / SI.r)
     few = range(0, N, 10)
     for model in ("finnie", "rotating", "as-printed"):
         beyond = turned_beyond(model, p)
         for i in few:
-            cut = path(load_model(model), TABLE_1.replace(k=K[i], alpha=ALPHA[i], phidot0=p.phidot0[i]))
+            cut = path(load_model(model), SI.replace(k=K[i], alpha=ALPHA[i], phidot0=p.phidot0[i]))
             assert bool(np.abs(cut.phi - cut.phi[0]).max() > np.pi / 2) == beyond[i], (model, i)
         assert 2 < beyond[few].sum() < len(few) - 2
     # Where nothing is cut, nothing turns.
-    assert not turned_beyond("rotating", TABLE_1.replace(phidot0=-1.2 * TABLE_1.v0 / TABLE_1.r))
+    assert not turned_beyond("rotating", SI.replace(phidot0=-1.2 * SI.v0 / SI.r))
     # The limit as α → 0 turns as its shallowest cuts do; α is NaN where nothing has a best angle.
-    assert turned_beyond("as-printed", TABLE_1.replace(alpha=np.array([np.nan, 0.0, 1e-4]))).tolist() == [
+    assert turned_beyond("as-printed", SI.replace(alpha=np.array([np.nan, 0.0, 1e-4]))).tolist() == [
         False,
         True,
         True,
@@ -154,7 +156,7 @@ def test_every_cut_that_turns_by_more_than_90_degrees_is_counted() -> None:
 def test_the_second_first_integral_holds_with_the_torque_of_the_horizontal_force_only(model: str) -> None:
     p = cases(phidot0=S * cases().v0 / cases().r)
     for i in np.flatnonzero(np.cos(ALPHA) + S > 0)[:20]:
-        cut = path(load_model(model), TABLE_1.replace(**{name: np.asarray(getattr(p, name))[i] for name in VARIED}))
+        cut = path(load_model(model), SI.replace(**{name: np.asarray(getattr(p, name))[i] for name in VARIED}))
         slowed = cut.vx - cut.vx[0]
         size = np.abs(slowed).max()
         assert cut.vy - cut.vy[0] == pytest.approx(float(cut.p.k) * slowed, abs=1e-9 * size * float(cut.p.k))
@@ -177,7 +179,7 @@ def shares(side: float) -> np.ndarray:
 
 def midpoint_errors(panels: int) -> np.ndarray:
     """Of the volume, over every tenth case."""
-    every = [ReportCase(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random") for i in range(0, N, 10)]
+    every = [ReportCase(SI.replace(k=K[i], alpha=ALPHA[i]), "random") for i in range(0, N, 10)]
     return np.array([abs(midpoint_rule(case, panels) / case.volume - 1) for case in every])
 
 
@@ -199,7 +201,7 @@ def moves_by_reach() -> np.ndarray:
 
 def pushed_forward() -> np.ndarray:
     """Whether the printed equations push the particle forward and down at contact."""
-    cuts = [path(load_model("as-printed"), TABLE_1.replace(k=k, alpha=alpha))
+    cuts = [path(load_model("as-printed"), SI.replace(k=k, alpha=alpha))
             for k, alpha in zip(K[::10], ALPHA[::10], strict=True)]  # fmt: skip
     return np.array([cut.vx[1] > cut.vx[0] and cut.vy[1] > cut.vy[0] for cut in cuts])
 

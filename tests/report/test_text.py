@@ -33,7 +33,7 @@ def test_numbers_read_well() -> None:
     assert number(-1.5e9, tex=True) == r"-1.5000\times 10^{9}"
     assert quantity(6.635e-5, "time", "si", like=6.6e-5).translate(plain) == "66.350 µs"
     assert quantity(6.635e-5, "time", "si").translate(plain) == "6.6350 × 10⁻⁵ s"
-    assert quantity(2e-4, "volume", "inch-pound", 2, tex=True) == r"2.0\times 10^{-4}\,\text{in}^{3}"
+    assert quantity(2e-4 * 0.0254**3, "volume", "inch-pound", 2, tex=True) == r"2.0\times 10^{-4}\,\text{in}^{3}"
     assert degrees(np.deg2rad(20)) == "20°"
     assert degrees(np.arctan(2) / 2) == "31.717°"
 

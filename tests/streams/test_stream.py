@@ -26,12 +26,14 @@ from erosion.output.tables import to_json
 from erosion.streams.stream import REPLICATES, StreamInterrupted, stream
 from erosion.streams.tally import BIN_RATIO, Estimate, Particles, Points, Tally, sobol_indices
 from tests.cli.test_set_option import FILE
-from tests.models.test_own_parameters import MODEL, P as PULLED, with_friction
+from tests.models.test_own_parameters import MODEL, with_friction
 from tests.reference import AT_20_DEGREES, best_angle, closed_form
 
-P = erosion.TABLE_1
+SI = TABLE_1.to("si")
+
+P = erosion.TABLE_1.to("si")
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
-LAWS: dict[str, Any] = {"v0": stats.lognorm(0.1, scale=4400.0), "alpha": stats.uniform(0.2, 0.2)}
+LAWS: dict[str, Any] = {"v0": stats.lognorm(0.1, scale=111.76), "alpha": stats.uniform(0.2, 0.2)}
 
 
 def mean_volume_of_laws() -> float:
@@ -93,7 +95,7 @@ def test_steep_particles_come_from_the_other_side_and_flat_ones_miss():
 
 def test_sensitivities_are_those_of_a_product():
     # V = a·v₀²·m: the indices of a product of independent factors are known.
-    laws: dict[str, Any] = {"v0": stats.lognorm(0.1, scale=4400.0), "m": stats.lognorm(0.3, scale=float(P.m))}
+    laws: dict[str, Any] = {"v0": stats.lognorm(0.1, scale=111.76), "m": stats.lognorm(0.3, scale=float(P.m))}
     result = stream("linearized", P, n=1024, best_angle=False, **laws)
     assert result.sensitivities is not None
     variances = {name: np.exp((power * s) ** 2) - 1 for name, power, s in (("v0", 2, 0.1), ("m", 1, 0.3))}
@@ -126,7 +128,7 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
 
 def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     # The linearized model's α_max depends on k alone: neither speeds nor masses move it.
-    result = stream("linearized", P, n=64, sensitivities=False, v0=stats.lognorm(0.3, scale=4400.0))
+    result = stream("linearized", P, n=64, sensitivities=False, v0=stats.lognorm(0.3, scale=111.76))
     assert result.nozzle is not None
     exact = best_angle(2.0)
     # The search ends within 1e-5 rad; V is flat there, known to 1e-9: √1e-9 = 3e-5.
@@ -139,7 +141,7 @@ def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     assert float(dataset.quantiles.sel(quantile=0.05)) == numbers["quantiles"]["0.05"] == result.quantiles[0.05]
     assert dataset.alpha_max_interval.dims == ("alpha_max_interval_0",)
     assert numbers["model"] == "linearized"
-    assert numbers["parameters"]["v0"] == 4400
+    assert numbers["parameters"]["v0"] == pytest.approx(111.76)
     assert numbers["units"]["alpha_max"] == "rad"
     assert json.loads(to_json(numbers)) == numbers
 
@@ -163,7 +165,7 @@ def test_spread_of_the_angle_moves_the_best_angle():
     assert best > best_angle(2.0) + 0.01
 
 
-SIGMA: dict[str, Any] = {"sigma": stats.lognorm(0.3, scale=2e5)}
+SIGMA: dict[str, Any] = {"sigma": stats.lognorm(0.3, scale=1.379e9)}
 
 
 @pytest.mark.parametrize(
@@ -187,30 +189,30 @@ def test_bad_arguments_are_one_sentence(arguments, error, message):
         stream("linearized", P, **arguments)
 
 
-FRICTION_LAWS: dict[str, Any] = {"friction": stats.uniform(0.1, 0.2), "v0": stats.lognorm(0.1, scale=4400.0)}
+FRICTION_LAWS: dict[str, Any] = {"friction": stats.uniform(0.1, 0.2), "v0": stats.lognorm(0.1, scale=111.76)}
 
 
 @pytest.mark.parametrize("points", ["sobol", "random"])
 def test_a_law_of_friction_is_laws_of_flow_stress_and_force_ratio(points):
-    result = stream(MODEL, PULLED, n=2**10, seed=3, points=points, **FEW, **FRICTION_LAWS)
-    particles = Particles(MODEL, PULLED, JointLaw(FRICTION_LAWS))
+    result = stream(MODEL, P, n=2**10, seed=3, points=points, **FEW, **FRICTION_LAWS)
+    particles = Particles(MODEL, P, JointLaw(FRICTION_LAWS))
     drawn = particles.draw(Points(points, 2, 3, REPLICATES).take(2**10 // REPLICATES))
     assert drawn["friction"].shape == (REPLICATES, 64)
-    equivalent = with_friction(drawn["friction"], PULLED.replace(v0=drawn["v0"]))
+    equivalent = with_friction(drawn["friction"], P.replace(v0=drawn["v0"]))
     volume = erosion.impact("linearized", equivalent).volume
     np.testing.assert_allclose(result.tally.mean, volume.mean(axis=1), rtol=1e-8)  # the engine's tolerance is 1e-9
     assert result.quantiles[0.5] == pytest.approx(np.median(volume), rel=3e-3)
 
 
 def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
-    result = stream(MODEL, PULLED, n=2**16, **FEW, **FRICTION_LAWS)
+    result = stream(MODEL, P, n=2**16, **FEW, **FRICTION_LAWS)
     nodes, weights = np.polynomial.legendre.leggauss(30)
     volume = np.asarray(closed_form("linearized").volume(with_friction(0.2 + 0.1 * nodes)))
     # V ∝ v₀², of lognormal moment exp(2 s²).
     exact = float(volume @ weights / 2 * np.exp(2 * 0.1**2))
     assert result.mean_volume.value == pytest.approx(exact, rel=1e-4)
     assert result.mean_volume.low < exact < result.mean_volume.high
-    nozzle = stream(MODEL, PULLED, n=64, sensitivities=False, friction=stats.norm(0.2, 1e-6)).nozzle
+    nozzle = stream(MODEL, P, n=64, sensitivities=False, friction=stats.norm(0.2, 1e-6)).nozzle
     assert nozzle is not None
     best = best_angle(2.0 / 1.4)  # ½ arctan k at k/(1 + μk)
     assert (nozzle.alpha.value, nozzle.single_alpha) == (pytest.approx(best, abs=1e-4), pytest.approx(best, abs=1e-9))
@@ -228,19 +230,19 @@ class Undeclared(ForceLaw):
 
 
 BARE = Linearized(force=Undeclared())
-DATA = {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3/impact]": [1e-4] * 3}
+DATA = {"angle [deg]": [20.0, 30.0, 40.0], "volume [m^3/impact]": [1e-9] * 3}
 ONE_NUMBER = r"`factor` must be one number, .*`erosion\.own_parameter`, or as `float`"
 CANNOT_VARY = [
-    (lambda: stream(BARE, PULLED, factor=stats.norm(1.0, 0.1)), TypeError, ONE_NUMBER),
-    (lambda: erosion.sweep(BARE, PULLED, factor=[1.0, 2.0]), TypeError, ONE_NUMBER),
-    (lambda: erosion.calibrate(erosion.FitProblem(BARE, PULLED, DATA, free=["factor"])), TypeError, ONE_NUMBER),
+    (lambda: stream(BARE, P, factor=stats.norm(1.0, 0.1)), TypeError, ONE_NUMBER),
+    (lambda: erosion.sweep(BARE, P, factor=[1.0, 2.0]), TypeError, ONE_NUMBER),
+    (lambda: erosion.calibrate(erosion.FitProblem(BARE, P, DATA, free=["factor"])), TypeError, ONE_NUMBER),
     (
-        lambda: stream(MODEL, PULLED, fricton=stats.norm(0.2, 0.1)),
+        lambda: stream(MODEL, P, fricton=stats.norm(0.2, 0.1)),
         TypeError,
         r"`fricton` is not a parameter; they are .*, friction\.",
     ),
     (
-        lambda: stream(MODEL.replace(friction=np.array([0.1, 0.2])), PULLED, v0=stats.norm(4400, 40)),
+        lambda: stream(MODEL.replace(friction=np.array([0.1, 0.2])), P, v0=stats.norm(112, 1)),
         ValueError,
         r"`friction` must be a scalar here, but has shape \(2,\)",
     ),
@@ -263,16 +265,16 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, written, monkey
     monkeypatch.chdir(tmp_path)
     written("harder.py", FILE)
     case = '\n[stream]\nmodel = "harder.py"\nn = 1024\nset.factor = "uniform(2, 3)"\n'
-    written("case.toml", erosion.dump_case(PULLED) + case)
+    written("case.toml", erosion.dump_case(P) + case)
     words = ["stream", "case.toml", "--no-best-angle", "-o", "jet.nc", "--json", "--set"]
     printed = shell([*words, "speed=normal(5 m/s, 1 m/s)"])
     # V ∝ 1/σ, and the mean of 1/f is ln 1.5; 1024 points are worth four digits.
-    single = AT_20_DEGREES["linearized"].volume
+    single = AT_20_DEGREES["linearized"].volume * 0.0254**3
     assert printed.result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
     assert printed.document["model"] == {"name": "harder.py", "own_parameters": {}}
     assert set(printed.result["sensitivities"]) == {"factor", "speed"}
     stored = xr.load_dataset("jet.nc")
-    assert stored.attrs["laws"] == "factor: uniform(2, 3); speed: normal(196.85 in/s, 39.37 in/s)"
+    assert stored.attrs["laws"] == "factor: uniform(2, 3); speed: normal(5 m/s, 1 m/s)"
     for own, message in (
         ("speed=normal(5 m/s, 2 m/s)", "holds another result (of another laws)"),
         ("factor=2", "must have a law of a parameter, an option such as"),
@@ -280,7 +282,7 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, written, monkey
     ):
         assert message in shell([*words, own], 2).err
     written("factors.csv", "factor\n2\n4\n")
-    rows = shell("stream --model harder.py --n 64 --no-best-angle --set 'factor=samples(factors.csv)' --json").result
+    rows = shell("stream case.toml --n 64 --no-best-angle --set 'factor=samples(factors.csv)' --json").result
     assert rows["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)
 
 
@@ -288,39 +290,39 @@ def test_rows_give_the_mean_over_the_table():
     rng = np.random.default_rng(0)
     angle = rng.uniform(0.2, 1.0, 64)
     speed = 4400 * (1 + angle)
-    result = stream("linearized", TABLE_1, n=2**12, **FEW, samples={"alpha": angle, "v0": speed})
-    exact = impact("linearized", TABLE_1.replace(alpha=angle, v0=speed)).volume.mean()
+    result = stream("linearized", P, n=2**12, **FEW, samples={"alpha": angle, "v0": speed})
+    exact = impact("linearized", SI.replace(alpha=angle, v0=speed)).volume.mean()
     # 64 rows, and powers of 2 of Sobol points: each row comes equally often.
     assert result.mean_volume.value == pytest.approx(exact, rel=1e-9)
-    apart = stream("linearized", TABLE_1, n=2**12, **FEW, alpha=stats.uniform(0.2, 0.8), v0=stats.uniform(5280, 3520))
+    apart = stream("linearized", P, n=2**12, **FEW, alpha=stats.uniform(0.2, 0.8), v0=stats.uniform(134, 90))
     assert abs(apart.mean_volume.value / exact - 1) > 0.005
     assert result.to_dict()["mean_volume"] == result.mean_volume.value
 
 
 def test_correlated_speed_and_size_remove_more():
-    laws: dict[str, Any] = {"v0": stats.lognorm(0.2, scale=4400.0), "r": stats.lognorm(0.2, scale=0.04)}
-    together = stream("linearized", TABLE_1, n=2**13, **FEW, **laws, correlation={("v0", "r"): 0.8})
-    apart = stream("linearized", TABLE_1, n=2**13, **FEW, **laws)
+    laws: dict[str, Any] = {"v0": stats.lognorm(0.2, scale=111.76), "r": stats.lognorm(0.2, scale=0.04)}
+    together = stream("linearized", P, n=2**13, **FEW, **laws, correlation={("v0", "r"): 0.8})
+    apart = stream("linearized", P, n=2**13, **FEW, **laws)
     # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
     ratio = together.mean_volume.value / apart.mean_volume.value
     assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.01)
 
 
 def test_a_joint_law_is_one_input_of_the_sensitivities():
-    laws: dict[str, Any] = {"v0": stats.lognorm(0.05, scale=4400.0), "m": stats.lognorm(0.1, scale=float(TABLE_1.m))}
+    laws: dict[str, Any] = {"v0": stats.lognorm(0.05, scale=111.76), "m": stats.lognorm(0.1, scale=float(SI.m))}
     options: dict[str, Any] = {"n": 2**12, "best_angle": False, "correlation": {("v0", "m"): -0.5}, **laws}
-    result = stream("linearized", TABLE_1, sigma=stats.lognorm(0.1, scale=2e5), **options)
+    result = stream("linearized", P, sigma=stats.lognorm(0.1, scale=1.379e9), **options)
     assert result.sensitivities is not None
     # log V = log m + 2 log v0 - log σ: variances 0.01 and 0.01 + 4·0.0025 - 4·0.5·0.1·0.05 = 0.01.
     first = {name: estimate.value for name, (estimate, _) in result.sensitivities.items()}
     assert first == {"sigma": pytest.approx(0.5, abs=0.02), "v0, m": pytest.approx(0.5, abs=0.02)}
     assert [row[1] for row in result.tables()[1].rows] == ["σ", "v₀, m"]
-    assert stream("linearized", TABLE_1, **options).sensitivities is None
+    assert stream("linearized", P, **options).sensitivities is None
 
 
-TIED: dict[str, Any] = {"v0": stats.norm(4400.0, 40.0), "r": stats.norm(0.04, 1e-3)}
-METAL: dict[str, Any] = {"sigma": stats.lognorm(0.1, scale=2e5), "psi": stats.lognorm(0.1, scale=0.05)}
-TABLES = [{"alpha": np.linspace(0.2, 0.6, 8), "v0": np.linspace(4000.0, 5000.0, 8)[::way]} for way in (1, -1)]
+TIED: dict[str, Any] = {"v0": stats.norm(112.0, 1.0), "r": stats.norm(1e-3, 2.5e-5)}
+METAL: dict[str, Any] = {"sigma": stats.lognorm(0.1, scale=1.379e9), "psi": stats.lognorm(0.1, scale=0.05)}
+TABLES = [{"alpha": np.linspace(0.2, 0.6, 8), "v0": np.linspace(100.0, 125.0, 8)[::way]} for way in (1, -1)]
 
 
 @pytest.mark.parametrize(
@@ -334,14 +336,14 @@ TABLES = [{"alpha": np.linspace(0.2, 0.6, 8), "v0": np.linspace(4000.0, 5000.0, 
     ids=["own parameter", "rows", "correlated", "uncertain"],
 )
 def test_the_laws_are_part_of_a_stores_identity(tmp_path, model, laws, changed):
-    path, whole = tmp_path / "jet.nc", stream(model, PULLED, n=2**10, **FEW, **laws)
-    stream(model, PULLED, n=2**9, store=path, **FEW, **laws)
-    result = stream(model, PULLED, n=2**10, store=path, **FEW, **laws)
+    path, whole = tmp_path / "jet.nc", stream(model, P, n=2**10, **FEW, **laws)
+    stream(model, P, n=2**9, store=path, **FEW, **laws)
+    result = stream(model, P, n=2**10, store=path, **FEW, **laws)
     np.testing.assert_allclose(result.tally.mean, whole.tally.mean, rtol=1e-14)
     # Of what varies, the model's own value means nothing.
     assert "own_parameters" not in xr.load_dataset(path, engine="h5netcdf").attrs
     with pytest.raises(StoreError, match="laws"):
-        stream(model, PULLED, n=2**10, store=path, **FEW, **changed)
+        stream(model, P, n=2**10, store=path, **FEW, **changed)
 
 
 def test_sobols_indices_are_those_of_ishigami():
@@ -360,8 +362,8 @@ def test_sobols_indices_are_those_of_ishigami():
 
 
 def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
-    laws: dict[str, Any] = {"v0": stats.norm(4400.0, 1850.0), "r": stats.norm(0.04, 0.001)}
-    result = stream("linearized", TABLE_1, n=2**12, **FEW, **laws, correlation={("v0", "r"): 0.5})
+    laws: dict[str, Any] = {"v0": stats.norm(112.0, 47.0), "r": stats.norm(1e-3, 2.5e-5)}
+    result = stream("linearized", P, n=2**12, **FEW, **laws, correlation={("v0", "r"): 0.5})
     assert set(result.shares) <= {"rebound", "stop"}
 
 
@@ -369,9 +371,9 @@ def test_what_is_uncertain_does_not_average_out():
     # V of the linearized cut goes with 1/σψ: all means scale alike with it, whatever the particles are.
     rng = np.random.default_rng(3)
     sigma, psi = 2e5 * np.exp(0.2 * rng.standard_normal(500)), 0.05 * np.exp(0.1 * rng.standard_normal(500))
-    particles: dict[str, Any] = {"v0": stats.lognorm(0.2, scale=4400.0), "r": stats.norm(0.04, 0.002)}
+    particles: dict[str, Any] = {"v0": stats.lognorm(0.2, scale=111.76), "r": stats.norm(0.04, 0.002)}
     metal = JointSamples({"sigma": sigma, "psi": psi})
-    few, many = (stream("linearized", TABLE_1, n=n, **FEW, **particles, uncertain=metal) for n in (2**8, 2**15))
+    few, many = (stream("linearized", P, n=n, **FEW, **particles, uncertain=metal) for n in (2**8, 2**15))
     exact = np.std(1 / (sigma * psi)) / np.mean(1 / (sigma * psi))
     for jet in (few, many):
         assert jet.uncertainty is not None
@@ -381,18 +383,18 @@ def test_what_is_uncertain_does_not_average_out():
         assert errors["erosion"] / jet.erosion.value == pytest.approx(exact, rel=0.1)
         assert errors["mean_volume"] / jet.mean_volume.value == pytest.approx(exact, rel=0.1)
     assert many.mean_volume.error < few.mean_volume.error / 5
-    ratio = many.mean_volume.value / stream("linearized", TABLE_1, n=2**15, **FEW, **particles).mean_volume.value
-    mean = np.mean(1 / (sigma * psi)) * float(TABLE_1.sigma * TABLE_1.psi)
+    ratio = many.mean_volume.value / stream("linearized", P, n=2**15, **FEW, **particles).mean_volume.value
+    mean = np.mean(1 / (sigma * psi)) * float(SI.sigma * SI.psi)
     assert ratio == pytest.approx(mean, rel=0.005)
     assert many.to_dict()["mean_volume_parameter_error"] == many.parameter_errors["mean_volume"]
 
 
 def test_uncertain_parameters_are_inputs_of_the_sensitivities():
     metal = JointLaw(
-        {"sigma": stats.lognorm(0.1, scale=2e5), "psi": stats.lognorm(0.1, scale=0.05)}, {("sigma", "psi"): -0.9}
+        {"sigma": stats.lognorm(0.1, scale=1.379e9), "psi": stats.lognorm(0.1, scale=0.05)}, {("sigma", "psi"): -0.9}
     )
-    options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": stats.lognorm(0.05, scale=4400.0)}
-    jet = stream("linearized", TABLE_1, **options, uncertain=metal)
+    options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": stats.lognorm(0.05, scale=111.76)}
+    jet = stream("linearized", P, **options, uncertain=metal)
     assert jet.sensitivities is not None
     # log V = 2 log v0 - log σψ: variances 4·0.0025 and 0.01 + 0.01 - 2·0.9·0.01 = 0.002.
     assert jet.sensitivities["sigma, psi"][0].value == pytest.approx(1 / 6, abs=0.02)

@@ -19,10 +19,10 @@ from tests.sweeps.test_sweep import assert_same_bits
 
 distributed = pytest.importorskip("distributed")
 
-P = erosion.TABLE_1
+P = erosion.TABLE_1.to("si")
 # One model for all, so that each worker compiles one program.
 PLUG_IN = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
-AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 200)}
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(55.88, 111.76, 200)}
 CHUNKS = {"alpha": 50}  # 8 blocks of 10 000 impacts
 
 
@@ -93,8 +93,8 @@ def test_a_killed_client_is_resumed(whole, tmp_path):
     path = tmp_path / "out.zarr"
     code = f"""
 import numpy as np, erosion
-erosion.sweep({str(PLUG_IN)!r}, erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS!r},
-              alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(2200.0, 4400.0, 200),
+erosion.sweep({str(PLUG_IN)!r}, erosion.TABLE_1.to("si"), store={str(path)!r}, chunks={CHUNKS!r},
+              alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(55.88, 111.76, 200),
               progress=lambda work, done, total: print(done, flush=True))
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:

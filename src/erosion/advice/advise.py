@@ -1,6 +1,7 @@
 """The best angle of a nozzle, over models, correlations, the force ratio, the contact ratio and the jet."""
 
 import dataclasses
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -17,17 +18,21 @@ from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FRACTION
 from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
 from erosion.laws import JointLaw, JointSamples, joint_law
-from erosion.models import CuttingModel, called, load_model, model_name, with_values
+from erosion.models import CuttingModel, called, load_model, model_name, quantities, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
+    InSI,
     Parameters,
     Particle,
     PerMass,
+    Quantity,
+    System,
     Target,
     particle as read_particle,
+    require_parameters,
     require_scalars,
     target as read_target,
     validate,
@@ -110,17 +115,18 @@ def advise(
         SimulationError: where a model removes nothing at any angle.
     """
     require_float64()
+    require_parameters(p)
     grit = None if particle is None else read_particle(particle)
     metal = None if target is None else read_target(target)
     p = p if grit is None else p.with_particle(grit)
     p = p if metal is None else p.with_target(metal)
-    unknown = _uncertain(uncertain)
-    if cutting_fraction is None:
-        cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
-    per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)
     if isinstance(models, str) or not models:
         raise ValueError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]
+    unknown = _uncertain(uncertain, dict(ChainMap(*map(quantities, chosen))), p.shown_in)
+    if cutting_fraction is None:
+        cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
+    per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)
     if unknown is not None and unknown.predictor is not None:
         fitted = model_name(unknown.predictor.problem.model)
         if [model_name(model) for model in chosen] != [fitted]:
@@ -130,10 +136,13 @@ def advise(
     return dataclasses.replace(advice, job=job, other=compared_with(compare, grit, metal))
 
 
-def _uncertain(uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | None) -> Uncertain | None:
+def _uncertain(
+    uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | None, known: Mapping[str, Quantity], shown_in: System
+) -> Uncertain | None:
     """The laws of what is not known, and the predictions of a fit where data tell the size of the wear."""
     if not isinstance(uncertain, Fit):
-        return None if uncertain is None else Uncertain(joint_law(uncertain, "uncertain"))
+        law = joint_law(uncertain, "uncertain", known=known, shown_in=shown_in)
+        return None if uncertain is None else Uncertain(law)
     predictor = None if uncertain.data.free_scale else uncertain.predictor
     return Uncertain(joint_law(uncertain.joint_samples()), predictor=predictor).of_metal({"": uncertain.problem.model})
 
@@ -169,7 +178,7 @@ def advise_case(
         (not 0 <= speed_spread < 1, f"`speed_spread` must be at least 0 and below 1, but is {speed_spread:g}."),
     )
     if uncertain is not None:
-        uncertain = uncertain.checked(models, p.units)
+        uncertain = uncertain.checked(models, p.shown_in)
         if uncertain.fraction is not None:
             per_mass = PerMass(per_mass.density, uncertain.fraction)
     correlations = _correlations(metal, grit)
@@ -267,12 +276,12 @@ class _Jet:
         predictor = uncertain.predictor
         assert predictor is not None
         problem = predictor.problem
-        changed = {key: float(value) for key, value in dataclasses.asdict(self._p.to(problem.p.units)).items()
+        changed = {key: float(value) for key, value in dataclasses.asdict(self._p).items()
                    if key in QUANTITIES and key not in (*problem.names, "alpha")
-                   and not np.isclose(value, getattr(problem.p, key), rtol=_ROUNDING)}  # fmt: skip
-        asked = {key: float(getattr(self._p.to(problem.p.units), key)) for key in ("v0", "m")} | changed
-        asked = {key: value for key, value in asked.items() if key not in problem.names}
-        single = predictor.draw(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.to("si").m))
+                   and not np.isclose(value, getattr(problem.p, key), rtol=_ROUNDING, atol=0)}  # fmt: skip
+        asked = {key: float(getattr(self._p, key)) for key in ("v0", "m")} | changed
+        asked = InSI({key: value for key, value in asked.items() if key not in problem.names})
+        single = predictor.draw(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.m))
         if FRACTION not in problem.names:
             single = single * per_mass.cutting_fraction / problem.cutting_fraction
         erosion = self._spread(model, single, predictor)

@@ -137,7 +137,7 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:
     """The assumptions of the advice: names with their texts."""
-    p = advice.p.to("si")
+    p = advice.p
     case, spread = [], degrees(advice.spread)
     for name in ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0"):
         quantity = QUANTITIES[name]

@@ -29,7 +29,6 @@ from erosion.parameters import (
     System,
     Target,
     far_from_tests,
-    table_scale,
     two_digits,
 )
 from erosion.results import Columns, Declared, Finding, Mark, Result, Value
@@ -70,7 +69,7 @@ class Uncertain:
         tables = dict.fromkeys(table.source for table in self.laws.samples)
         return self.source or ", ".join(tables) or f"the laws of {', '.join(self.laws.names)}"
 
-    def checked(self, models: Mapping[str, CuttingModel], units: System) -> "Uncertain":
+    def checked(self, models: Mapping[str, CuttingModel], system: System) -> "Uncertain":
         """The same with `values`, in units for tables.
 
         Raises:
@@ -78,13 +77,12 @@ class Uncertain:
         """
         if not self.laws:
             raise ValueError("Argument `uncertain` must have a law, but has none.")
-        self.laws.require_units(units)
         if all(isinstance(model, Correlated) for model in models.values()):
             raise ValueError("Argument `models` must have one that takes what is uncertain; a correlation does not.")
         self.require_of_metal(models)
         for model in models.values():
             self._within(model)
-        return dataclasses.replace(self, values=tuple(self._values(models, units)))
+        return dataclasses.replace(self, values=tuple(self._values(models, system)))
 
     def require_of_metal(self, models: Mapping[str, CuttingModel], where: str = "Argument `uncertain`") -> None:
         """A `ValueError` that begins with `where` for a law of what the metal and a model do not have."""
@@ -99,13 +97,13 @@ class Uncertain:
         known = {*OF_METAL, *(name for model in models.values() for name in own_parameters(model))}
         return dataclasses.replace(self, laws=self.laws.only(known))
 
-    def _values(self, models: Mapping[str, CuttingModel], units: System) -> Iterator[str]:
+    def _values(self, models: Mapping[str, CuttingModel], system: System) -> Iterator[str]:
         known = dict(FACTORS)
         for model in models.values():
             known |= quantities(model)
         for name, law in self.laws.marginals.items():
             low, middle, high = (float(value) for value in law.ppf(np.array([0.025, 0.5, 0.975])))
-            scale = table_scale(known[name].dimension, units, abs(middle))
+            scale = known[name].scale(system, abs(middle))
             ends = [format_number(value, 3, scale.size) for value in (middle, low, high)]
             yield f"{known[name].symbol} = {ends[0]} ({ends[1]} … {ends[2]}) {scale.unit}".rstrip()
 
@@ -272,7 +270,7 @@ class Advice(Result):
         """Particle, target and speed."""
         particle = "the particle of the case" if self.particle is None else str(self.particle)
         target = "the target of the case" if self.target is None else self.target.name
-        title = f"{particle} on {target} at {float(self.p.to('si').v0):.4g} m/s: {degrees(self.alpha)}"
+        title = f"{particle} on {target} at {float(self.p.v0):.4g} m/s: {degrees(self.alpha)}"
         return f"{title[0].upper()}{title[1:]}"
 
     @property
@@ -291,15 +289,20 @@ class Advice(Result):
         predictor = None if self.uncertain is None else self.uncertain.predictor
         if predictor is None:
             return np.empty(0), np.empty(0)
-        data, p = predictor.data, self.p.to(predictor.data.units)
+        data = predictor.data
         speed = predictor.problem.p.v0 if data.speed is None else data.speed
-        here = np.broadcast_to(is_same(speed, float(p.v0)), data.angle.shape)
-        factor = predictor.to_specific_volume(float(self.p.to("si").m)) * (self.per_mass.density or 1.0)
+        here = np.broadcast_to(is_same(speed, float(self.p.v0)), data.angle.shape)
+        factor = predictor.to_specific_volume(float(self.p.m)) * (self.per_mass.density or 1.0)
         return data.angle[here], data.erosion[here] * factor / self.scale.size
+
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
 
     def declare(self) -> list[Declared]:
         """A table of what varies; for programs the advised angle, and every curve's best angle and erosion there."""
-        angle = functools.partial(QUANTITIES["alpha"].declare, units="si", only="data")
+        angle = functools.partial(QUANTITIES["alpha"].declare, only="data")
         named = {name: getattr(self, name) for name in ("particle", "target", "uncertain")}
         return [
             self._comparison(),
@@ -325,7 +328,7 @@ class Advice(Result):
         beyond = Mark([*map(self._is_beyond, fitting), False], BEYOND_TESTS)
         columns = [
             Value("curves", [*(words for words, _ in groups), alone], "what varies"),
-            QUANTITIES["alpha"].declare("best", best, "si", symbol="best nozzle angle", digits=2),
+            QUANTITIES["alpha"].declare("best", best, symbol="best nozzle angle", digits=2),
             Value("share", [*shares, None], f"least share at {at}", scale=Scale(0.01, "%"), digits=3),
             Value("erosion", [*map(self._amounts, fitting), None], f"erosion at {at}", scale=self.scale, digits=2,
                   marks=[beyond]),
@@ -350,7 +353,7 @@ class Advice(Result):
 
     def _of_each_curve(self) -> Columns:
         """Each curve's best angle, and what it gives at the advised angle."""
-        curves, angle = self.curves, functools.partial(QUANTITIES["alpha"].declare, units="si")
+        curves, angle = self.curves, QUANTITIES["alpha"].declare
         columns = [
             *(Value(name, [getattr(curve, name) for curve in curves]) for name in ("name", "group", "setting", "fits")),
             angle("alpha_max", [curve.best for curve in curves]),
@@ -360,13 +363,13 @@ class Advice(Result):
         for name in ("specific_volume", "erosion_ratio"):
             has = [(curve.density is None) == (name == "specific_volume") for curve in curves]
             amounts = [curve.at(self.alpha) if of_it else None for curve, of_it in zip(curves, has, strict=True)]
-            columns += [RESULTS[name].declare(name, amounts, "si")] if any(has) else []
+            columns += [RESULTS[name].in_si(name, amounts)] if any(has) else []
         return Columns("curves", "Curves", columns, only="data")
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
         """The greatest erosion of curves, of 95 % of draws, at the advised angle, where tests find nothing like it."""
         removed = ends(curves, lambda curve: curve.at(self.alpha) / (curve.density or 1.0)) if curves else []
-        return far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
+        return far_from_tests(removed, float(self.p.v0), self.per_mass.density)
 
     def _is_beyond(self, curves: Sequence[Curve]) -> bool:
         """Whether that is more than ten times what any test finds, and so no amount to tell anyone."""
@@ -415,7 +418,7 @@ class Advice(Result):
             sentences.append(job if self.uncertain is None else f"By 95% of these curves: {job}")
         if self.other is not None and self.particle is not None and self.target is not None:
             names = (str(self.particle), str(self.other))
-            speed = float(self.p.to("si").v0)
+            speed = float(self.p.v0)
             sentences.append(comparison(self.particle, self.other, self.target, speed, names))
         return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
 
@@ -522,7 +525,7 @@ class Advice(Result):
         """`words`, or the names of particle, target and models that stand for them."""
         # After a fit the speed of its tests, where they have one.
         tested = {} if self.uncertain is None else self.uncertain.tested
-        speed = tested.get("v0", (float(self.p.to("si").v0),))[0]
+        speed = tested.get("v0", (float(self.p.v0),))[0]
         named = {"particle": self.particle, "target": self.target, "v0": f"{speed:g} m/s"}
         if self.uncertain is not None:
             named["model"] = ",".join(curve.name for curve in self.group("models"))

@@ -38,10 +38,18 @@ from erosion.impacts import (
     require_code,
 )
 from erosion.laws import JointLaw, JointSamples, joint_law
-from erosion.models import Correlated, CuttingModel, load_model, model_name, require_loadable, require_one_impact
+from erosion.models import (
+    Correlated,
+    CuttingModel,
+    load_model,
+    model_name,
+    quantities,
+    require_loadable,
+    require_one_impact,
+)
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, digest
-from erosion.parameters import Parameters, conversion_factor, readable_scale
+from erosion.parameters import RESULTS, Parameters, readable_scale, require_parameters, si_numbers
 from erosion.results import Finding, stated, to_attribute
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
@@ -82,8 +90,7 @@ class MapTask:
         if struck.rows:
             common = options.common(model)
             results = impact(*options.impacts(model, struck, values | common), rtol=options.rtol)
-            cubic_metres = np.asarray(results.volume) * conversion_factor("volume", options.p.units, "si")
-            removed = cubic_metres * common.get(FRACTION, options.cutting_fraction)
+            removed = np.asarray(results.volume) * common.get(FRACTION, options.cutting_fraction)
             volume, outcome = (np.broadcast_to(array, volume.shape) for array in (removed, results.outcome))
             turned = count_turned(results.model, results.p)
         outside = np.zeros(struck.rows, bool)
@@ -267,8 +274,7 @@ class MapJob:
     @property
     def _limit(self) -> float | None:
         """In metres."""
-        limit, units = self.task.options.limit, self.task.options.p.units
-        return None if limit is None else limit * conversion_factor("length", units, "si")
+        return self.task.options.limit
 
     def _portions(self, nearness: Nearness, summary: TableSummary) -> Iterator[Hits]:
         """All rows, noted by `nearness` and `summary`, in portions of a fixed number, the last one of what is left."""
@@ -390,11 +396,11 @@ def erosion_map(
         impacts: see `read_impacts`.
         surface: see `read_surface`; None for totals alone, of speeds and angles.
         scaling: "similar": a particle g times as large as the case's has g times its r and b. "none": all have these.
-        diameter: of the case's particle as a sphere of the CFD run [length]; else g is the cube root of mass ratios.
+        diameter: of the case's particle as a sphere of the CFD run [m]; else g is the cube root of mass ratios.
         spin: "column" of the table, "case" (its φ̇₀), "none", or a law; else the table's, the case's if there is none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
-        density: of the target [kg/m³], whatever the units of `p`; without it that of a correlation, else no mass.
-        limit: greatest distance of a row from its face [length]; farther rows are left out. Without it a share of the
+        density: of the target [kg/m³]; without it that of a correlation, else no mass.
+        limit: greatest distance of a row from its face [m]; farther rows are left out. Without it a share of the
             surface's width, the particle's diameter, and what a curved wall is off its facets; see docs/cfd.md.
         seed: of the numbers drawn from laws.
         rtol: see `impact`.
@@ -417,7 +423,7 @@ def erosion_map(
         Over "face": volume, depth, impacts, particles, particle_mass (mass that hits), erosion, alpha_mean, v0_mean,
         relative_error (of the volume, √(Σ(wV)²)/ΣwV, where the bounces of a parcel, if it has a number, are one); mass,
         depth_rate, depth_per_year, mass_per_year and mass_flux where density and duration are known. Over "patch" the
-        totals, injected_ratio (mass loss per sand injected) too, over "end" how impacts end. In the units of `p`.
+        totals, injected_ratio (mass loss per sand injected) too, over "end" how impacts end. In SI.
         If something is uncertain: means over the draws, and `relative_error` = √(sampling_error² + parameter_error²).
 
     Raises:
@@ -425,9 +431,17 @@ def erosion_map(
             whose surface it does not lie, as in other units.
         SimulationError: where no impact could be computed.
     """
-    together = joint_law(laws, correlation=correlation, samples=samples)
+    require_parameters(p)
+    beside: dict[str, Any] = {"known": quantities(load_model(model)), "shown_in": p.shown_in}
+    together = joint_law(laws, correlation=correlation, samples=samples, **beside)
+    sizes: dict[str, Any] = {
+        name: si_numbers(name, size, RESULTS["d"], p.shown_in)
+        for name, size in (("diameter", diameter), ("limit", limit))
+        if size is not None
+    }
     options = MapOptions(
-        p, scaling, diameter, spin, restitution, density, limit, seed, rtol, joint_law(uncertain, "uncertain"), draws,
+        p, scaling, sizes.get("diameter"), spin, restitution, density, sizes.get("limit"), seed, rtol,
+        joint_law(uncertain, "uncertain", **beside), draws,
         cutting_fraction, sand_rate, injected, together, each_row,
     )  # fmt: skip
     return prepare_map(model, impacts, surface, options).run(progress)

@@ -22,7 +22,7 @@ from erosion.parameters import (
     PerMass,
     are_angles,
     ascii_unit,
-    conversion_factor,
+    si_numbers,
     unit_name,
     validate,
 )
@@ -39,7 +39,7 @@ class ExportError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class ExportedParticle:
-    """The particle of a case and its scaled copies; all numbers are in SI units.
+    """The particle of a case and its scaled copies; all numbers are in SI.
 
     A copy of another diameter is a similar body: r and b grow with the diameter, m with its third power, as in
     `erosion.stream`. All copies have the spin of the case.
@@ -73,7 +73,7 @@ class ExportedParticle:
         """
         with np.errstate(over="ignore"):  # such an impact fails
             copies = self.p.similar(d / self.diameter)
-        hits = impact(self.model, copies.replace(alpha=alpha, v0=v0), rtol=_RTOL)
+        hits = impact(self.model, dataclasses.replace(copies, alpha=alpha, v0=v0), rtol=_RTOL)
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
             lost = np.count_nonzero(~np.isfinite(volume))
@@ -88,7 +88,7 @@ class ExportedParticle:
 
     def origin(self) -> str:
         """Lines on what an exported file comes from: model, case, and the particle's diameter."""
-        own = own_in_words(self.model, units="si")
+        own = own_in_words(self.model, system="si")
         units = {name: quantity.unit("si") for name, quantity in QUANTITIES.items() if name != "alpha"}
         numbers = {name: f"{float(getattr(self.p, name)):.6g}" for name in units}
         case = ", ".join(f"{name} = {numbers[name]}{'' if unit == '1' else f' {unit}'}" for name, unit in units.items())
@@ -115,7 +115,7 @@ def particle_of(
     Args:
         model: a model, its name, or the path of its file.
         p: the case, all scalars; its `alpha` is not used.
-        particle_density: of the particles in the CFD code [kg/m³], whatever the units of the case; their diameter
+        particle_density: of the particles in the CFD code [kg/m³]; their diameter
             is that of a sphere of the case's mass. Without it the diameter is 2 r.
         cutting_fraction: the share of the particles that cut; it does not apply to correlations.
 
@@ -125,26 +125,25 @@ def particle_of(
     model = load_model(model)
     require_one_impact(model, p)
     validate(p)
-    model, in_si = model.to("si", p)
     share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
     if particle_density is None:
-        return ExportedParticle(model, in_si, 2 * float(in_si.r), share)
+        return ExportedParticle(model, p, 2 * float(p.r), share)
     density = checked("particle_density", particle_density)
     if density.size != 1:
         raise ValueError(f"Argument `particle_density` must be a scalar, but has shape {density.shape}.")
-    volume = float(in_si.m) / float(density[0])
-    return ExportedParticle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
+    volume = float(p.m) / float(density[0])
+    return ExportedParticle(model, p, float(np.cbrt(6 * volume / np.pi)), share)
 
 
-def in_si(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
-    """Speeds ("v0") or diameters ("d") that are given in the units of a case, in SI units; `own` without them.
+def asked(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
+    """Speeds ("v0") or diameters ("d") that are given as `p.replace` takes them, in SI; `own` without them.
 
     Raises:
         ValueError: where one is not positive and finite, or there is none.
     """
     if values is None:
         return np.atleast_1d(np.asarray(own, float))
-    return checked(name, values) * conversion_factor(_KNOWN[name].dimension, p.units, "si")
+    return checked(name, si_numbers(name, values, _KNOWN[name], p.shown_in))
 
 
 def checked(name: str, values: Any) -> np.ndarray:
@@ -192,7 +191,7 @@ def volume_table(
 ) -> xr.Dataset:
     """The volume that an impact removes over diameter, speed and angle, for a table in a CFD code.
 
-        table = erosion.volume_table("rotating", p, v0=np.linspace(20, 200, 19))
+        table = erosion.volume_table("rotating", p, v0="20 m/s : 200 m/s : 19")
         table.volume.interp(alpha=0.4, v0=55.0)
 
     Particles of another diameter are similar bodies: r and b grow with d, m with its third power; the spin is the
@@ -202,13 +201,13 @@ def volume_table(
         model: a model, its name, or the path of its file.
         p: the case, all scalars; its `alpha` is not used.
         alpha: angles, shape (n,) [rad]; every 2.5° without it.
-        v0: speeds, shape (n,) [speed]; seven from half to twice the case's without it.
-        d: diameters, shape (n,) [length]; seven from half to twice the case's without it.
+        v0: speeds, shape (n,) [m/s], or texts with units; seven from half to twice the case's without it.
+        d: diameters, shape (n,) [m], or texts with units; seven from half to twice the case's without it.
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut; volumes are then the mean over all particles.
 
     Returns:
-        `volume` [volume] over (d, v0, alpha), in the units of the case.
+        `volume` [m³] over (d, v0, alpha).
 
     Raises:
         SimulationError: where impacts fail.
@@ -216,8 +215,8 @@ def volume_table(
     """
     particle = particle_of(model, p, particle_density, cutting_fraction)
     alpha = TABLE_ANGLES if alpha is None else checked("alpha", alpha)
-    speeds = in_si("v0", v0, p, SHARES * particle.speed)
-    diameters = in_si("d", d, p, SHARES * particle.diameter)
+    speeds = asked("v0", v0, p, SHARES * particle.speed)
+    diameters = asked("d", d, p, SHARES * particle.diameter)
     require_rows(alpha.size * speeds.size * diameters.size)
     volume = particle.volume(alpha, speeds[:, None], diameters[:, None, None])
     axes = {"d": diameters, "v0": speeds, "alpha": alpha}
@@ -235,25 +234,18 @@ def require_rows(rows: int) -> None:
 def labelled(
     particle: ExportedParticle, p: Parameters, content: str, axes: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
 ) -> xr.Dataset:
-    """Arrays over axes in SI units as a Dataset in the units of a case, with units and provenance.
+    """Arrays over axes as a Dataset, with units and provenance.
 
     Args:
-        particle: model and case in SI units.
+        particle: model and case.
         p: the case as it was given.
         content: for the title.
         axes: values by name, in the order of the dimensions.
         arrays: by name, each over all axes.
     """
-    size = particle.diameter * conversion_factor("length", "si", p.units)
-    attributes = provenance(content, p, **model_in_words(particle.model)) | {"particle_diameter": size}
-    variables = {
-        name: (
-            name if name in axes else tuple(axes),
-            values * conversion_factor(_KNOWN[name].dimension, "si", p.units),
-            _KNOWN[name].attributes(p.units),
-        )
-        for name, values in {**axes, **arrays}.items()
-    }
+    attributes = provenance(content, p, **model_in_words(particle.model)) | {"particle_diameter": particle.diameter}
+    variables = {name: (name if name in axes else tuple(axes), values, _KNOWN[name].attributes())
+                 for name, values in {**axes, **arrays}.items()}  # fmt: skip
     frame = xr.Dataset(coords={name: variables[name] for name in axes}, attrs=attributes)
     return frame.assign({name: variables[name] for name in arrays})
 
@@ -272,7 +264,7 @@ def to_csv(dataset: xr.Dataset) -> str:
             continue
         dimension = _KNOWN[name].dimension
         unit = ascii_unit(unit_name(dimension, "si"))
-        factor = conversion_factor(dimension, dataset.attrs["unit_system"], "si")
+        factor = 1.0
         if dimension == "angle":
             unit, factor = "deg", 180 / np.pi
         head = f"{heading} [{'-' if unit == '1' else unit}]"
@@ -309,14 +301,14 @@ class Reach(NamedTuple):
 
     @classmethod
     def of(cls, particle: ExportedParticle, p: Parameters, v0: Any = None, d: Any = None) -> "Reach":
-        """The speeds and diameters in the units of `p`; by default from half to twice the particle's own.
+        """The speeds and diameters, as `p.replace` takes numbers; by default from half to twice the particle's own.
 
         Raises:
             ValueError: for a speed or a diameter that is not positive.
         """
         if v0 is d is None:
             return cls(_HALF_TO_TWICE * particle.speed, _HALF_TO_TWICE * particle.diameter, asked=False)
-        return cls(in_si("v0", v0, p, particle.speed), in_si("d", d, p, particle.diameter), asked=True)
+        return cls(asked("v0", v0, p, particle.speed), asked("d", d, p, particle.diameter), asked=True)
 
 
 def more_than_own(values: np.ndarray, own: float) -> np.ndarray:
@@ -433,11 +425,11 @@ def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any =
         model: a model of a rigid body, its name, or the path of its file.
         p: the case, all scalars; its `alpha` is not used.
         alpha: angles, shape (n,) [rad]; every 2.5° below 90° without it.
-        v0: speeds, shape (n,) [speed]; seven from half to twice the case's without it.
+        v0: speeds, shape (n,) [m/s], or texts with units; seven from half to twice the case's without it.
 
     Returns:
-        Over (v0, alpha), in the units of the case: `e_n`, `e_t` [-], `spin` φ̇ after the impact [rad/s] (positive
-        moves the tip forward), `vx`, `vy` [speed], and `ended_by` (codes, see its attributes). e_t is NaN at 90°,
+        Over (v0, alpha): `e_n`, `e_t` [-], `spin` φ̇ after the impact [rad/s] (positive
+        moves the tip forward), `vx`, `vy` [m/s], and `ended_by` (codes, see its attributes). e_t is NaN at 90°,
         where there is no tangential velocity before the impact.
 
     Raises:
@@ -447,11 +439,11 @@ def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any =
     require_float64()
     particle = particle_of(model, p)
     alpha = _REBOUND_ANGLES if alpha is None else checked("alpha", alpha)
-    speeds = in_si("v0", v0, p, SHARES * particle.speed)
+    speeds = asked("v0", v0, p, SHARES * particle.speed)
     shape = (speeds.size, alpha.size)
     require_rows(speeds.size * alpha.size)
     each_alpha, each_speed = (np.broadcast_to(axis, shape).ravel() for axis in (alpha, speeds[:, None]))
-    impacts = particle.p.replace(alpha=each_alpha, v0=each_speed)
+    impacts = dataclasses.replace(particle.p, alpha=each_alpha, v0=each_speed)
     end = impact(particle.model, impacts, rtol=_RTOL)
     if isinstance(particle.model, Correlated) or not isinstance(end.state, State):
         raise ExportError(f"{model_name(particle.model)} has no motion of a rigid body: it says nothing of rebounds.")

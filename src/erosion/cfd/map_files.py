@@ -12,7 +12,6 @@ from erosion.cfd.map_result import FACES
 from erosion.extras import library
 from erosion.impacts import code_version, write_netcdf
 from erosion.output import to_csv, write_whole
-from erosion.parameters import conversion_factor
 
 Identity = Callable[[], Mapping[str, str]]
 """Gives what a map depends on, in words; it may read the whole table."""
@@ -125,6 +124,5 @@ def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
     for name in sorted(FACES, key=lambda name: name != "depth"):
         if prefix + name in dataset:
             wear, values = FACES[name], dataset[prefix + name].values
-            factor = conversion_factor(wear.dimension, dataset.attrs["unit_system"], "si") * wear.size
-            columns[wear.heading] = values if factor == 1 else values * factor
+            columns[wear.heading] = values if wear.per_si == 1 else values * wear.per_si
     return columns

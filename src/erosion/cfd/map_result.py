@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,10 +22,8 @@ from erosion.parameters import (
     Quantity,
     Scale,
     System,
-    conversion_factor,
     far_from_tests,
     readable_scale,
-    table_scale,
 )
 from erosion.results import Columns, Declared, Finding, Mark, Result, Value, from_attribute
 
@@ -46,19 +44,19 @@ class Wear(Quantity):
     Args:
         heading: of its column in files, in units that fit to the surface, which is in metres, whatever those of the
             case are. ASCII, as ParaView's filters are.
-        size: the SI unit over that of the column.
+        per_si: the SI unit over that of the column.
         of_total: whether a patch, and the whole surface, have it as well: `patch_volume`, `total_volume`, …
     """
 
     heading: str = ""
-    size: float = 1.0
+    per_si: float = 1.0
     of_total: bool = False
 
     @classmethod
-    def like(cls, name: str, heading: str, size: float = 1.0) -> "Wear":
+    def like(cls, name: str, heading: str, per_si: float = 1.0) -> "Wear":
         """A result of an impact, summed over those of a face."""
         known = RESULTS[name]
-        return cls(known.symbol, known.meaning, known.dimension, "", heading, size, of_total=True)
+        return cls(known.symbol, known.meaning, known.dimension, "", heading, per_si, of_total=True)
 
 
 FACES: Mapping[str, Wear] = {
@@ -99,10 +97,10 @@ _OF_PROGRAMS = ("particles", "v0_mean", "relative_error")  # totals that tables 
 _WITH_ERROR = ("volume", "mass", "mass_per_year")  # totals with their standard error
 
 
-def total_scale(name: str, units: System, total: float) -> Scale:
+def total_scale(name: str, system: System, total: float) -> Scale:
     """The unit in which a total volume or mass reads well: "mg", "g/year"."""
     if not FACES[name].fixed:
-        return readable_scale(FACES[name].dimension, units, total)
+        return readable_scale(FACES[name].dimension, system, total)
     mass = readable_scale("mass", "si", total)
     return Scale(mass.size, f"{mass.unit}/year")
 
@@ -150,7 +148,6 @@ def to_dataset(
         attributes: of the Dataset.
         has_range: whether the model is a correlation, which is made for a range of impacts.
     """
-    shown = functools.partial(_variable, options.p.units)
     sums, parcels = tally.sums, tally.parcels
     draws = tally.of_draws if options.uncertain else None
     patches = ("all",) if surface is None else surface.patches
@@ -173,31 +170,31 @@ def to_dataset(
     if surface is not None:
         numbers = _numbers(sums, options.density, surface.area, sand.duration) | {"area": surface.area}
         variables |= _geometry(surface)
-        variables |= {name: shown("face", numbers[name], FACES[name]) for name in FACES if name in numbers}
+        variables |= {name: _variable("face", numbers[name], FACES[name]) for name in FACES if name in numbers}
     variables["patch"] = ("patch", np.array(patches, dtype=object))
     if draws is not None:
         of_patches = np.array([by_patch(volume) for volume in draws])
         # What is common to all faces does not average out: the variance of a sum is not the sum of variances.
         grouped["common"], whole["common"] = of_patches.var(axis=0, ddof=1), of_patches.sum(axis=1).var(ddof=1)
         what = "removed volume of all faces for each draw"
-        variables["total_volume_of_draw"] = shown("draw", of_patches.sum(axis=1), FACES["volume"], what)
+        variables["total_volume_of_draw"] = _variable("draw", of_patches.sum(axis=1), FACES["volume"], what)
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
         for name, value in _numbers(of, options.density, None, sand.duration).items():
             if FACES[name].of_total:
-                variables[f"{prefix}_{name}"] = shown(dims, value, FACES[name])
+                variables[f"{prefix}_{name}"] = _variable(dims, value, FACES[name])
     variables["end"] = ("end", np.array(ends, dtype=object))
     # An impact may end in another way for another draw: then rows are shared out.
     counts = tally.counts["ends"] if draws is None else tally.counts["ends"] / len(draws)
     variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
-    variables |= _rows(tally, shown, has_range=has_range)
+    variables |= _rows(tally, has_range=has_range)
     if sand.duration is not None:
         what = f"time that the impacts stand for, {sand.duration_from}"
         variables["duration"] = ((), sand.duration, {"long_name": what, "units": "s"})
     if "injected" in whole:
         what = f"mass of sand injected, {sand.injected_from}"
-        variables["injected"] = shown((), whole["injected"], _SINGLE["injected"], what)
+        variables["injected"] = _variable((), whole["injected"], _SINGLE["injected"], what)
     if options.sand_rate is not None:
-        variables["sand_rate"] = shown((), options.sand_rate, _SINGLE["sand_rate"])
+        variables["sand_rate"] = _variable((), options.sand_rate, _SINGLE["sand_rate"])
     turned, sampled = tally.counts["turned"].tolist()
     if sampled:
         what = "share of the impacts in which the body turns by more than 90°"
@@ -208,13 +205,9 @@ def to_dataset(
     return xr.Dataset(variables, attrs=attributes)
 
 
-def _variable(
-    units: System, dims: str | tuple[str, ...], values: Any, quantity: Quantity, words: str = ""
-) -> tuple[Any, ...]:
-    """A variable of numbers in SI, shown in the units of a case; `words` take the place of its meaning."""
-    factor = conversion_factor(quantity.dimension, "si", units)
-    named = quantity.attributes(units) | ({"long_name": words} if words else {})
-    return dims, values if factor == 1 else values * factor, named
+def _variable(dims: str | tuple[str, ...], values: Any, quantity: Quantity, words: str = "") -> tuple[Any, ...]:
+    """A variable of numbers in SI; `words` take the place of its meaning."""
+    return dims, values, quantity.attributes() | ({"long_name": words} if words else {})
 
 
 def _numbers(
@@ -277,14 +270,14 @@ def _geometry(surface: Surface) -> Variables:
     return variables
 
 
-def _rows(tally: FaceTally, shown: Callable[..., tuple[Any, ...]], *, has_range: bool) -> Variables:
-    """What became of the rows of the table; `shown` makes a variable of numbers in SI."""
+def _rows(tally: FaceTally, *, has_range: bool) -> Variables:
+    """What became of the rows of the table."""
     lost = tally.counts["lost_mass"]
     variables: Variables = {
         "rows": ((), tally.rows, {"long_name": "rows of the table"}),
         "reason": ("reason", np.array(list(LEFT_OUT), dtype=object)),
         "left_out": ("reason", tally.counts["fates"][1:], {"long_name": "rows that are left out"}),
-        "left_out_mass": shown("reason", lost[1:], FACES["particle_mass"], "their mass"),
+        "left_out_mass": _variable("reason", lost[1:], FACES["particle_mass"], "their mass"),
         "rows_to_nearest": ((), tally.unnamed, {"long_name": "rows that name no face"}),
     }
     if tally.unnamed:
@@ -293,7 +286,7 @@ def _rows(tally: FaceTally, shown: Callable[..., tuple[Any, ...]], *, has_range:
             ("distance_max", tally.farthest, "greatest distance"),
         ):
             what = f"{words}, of rows that name no face from the nearest"
-            variables[name] = shown((), round(distance, _NANOMETRE), _SINGLE[name], what)
+            variables[name] = _variable((), round(distance, _NANOMETRE), _SINGLE[name], what)
     if has_range:
         share = float(tally.counts["outside_mass"]) / lost[0] if lost[0] else math.nan
         variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
@@ -319,7 +312,7 @@ class MapSummary(Result):
         return f"{attrs['model']}{own}: {attrs['table']}{surface}"
 
     @property
-    def units(self) -> System:
+    def shown_in(self) -> System:
         """The unit system of the numbers."""
         return self.dataset.attrs["unit_system"]
 
@@ -350,10 +343,12 @@ class MapSummary(Result):
         data, of = self.dataset, name.removeprefix("total_")
         value, meaning = data[name].item(), data[name].attrs["long_name"]
         quantity = _SINGLE.get(name) or FACES.get(of)
-        if quantity is None or of in _OF_PROGRAMS or (of in ("volume", "mass") and self._is_a_year):
+        if quantity is None:
             unit = data[name].attrs.get("units", "")
             return Value(name, value, meaning=meaning, unit="" if unit == "1" else unit, only="data")
         more: dict[str, Any] = {"meaning": meaning}
+        if of in _OF_PROGRAMS or (of in ("volume", "mass") and self._is_a_year):
+            return self._declared(name, quantity, value, **more, only="data")
         if of == "impacts":
             parcels = f", of {int(data['parcels']):,} parcels" if "parcels" in data else ""
             by = "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters exact"
@@ -365,15 +360,15 @@ class MapSummary(Result):
         elif of in ("erosion", "erosion_ratio"):
             more["marks"] = [Mark(self._far is not None and self._far.is_beyond, BEYOND_TESTS)]
         elif name == "sand_rate":
-            more["scale"] = Scale(conversion_factor("mass flow", "si", self.units) / 86400, "kg/day")
+            more["scale"] = Scale(1 / 86400, "kg/day")
         return self._declared(name, quantity, value, **more)
 
     def _declared(self, name: str, quantity: Quantity, value: Any, **more: Any) -> Value:
         """A number of a quantity; counts and shares have no unit, and people read kilogrammes a year as grams."""
-        made = quantity.declare(name, value, self.units, **more)
-        if made.unit == "kg/year":
-            return made.but(scale=functools.partial(total_scale, "mass_per_year", self.units))
-        return made.but(unit="") if made.unit == "1" else made
+        made = quantity.declare(name, value, **more)
+        if quantity.fixed == "kg/year":
+            return made.but(scale=functools.partial(total_scale, "mass_per_year", self.shown_in))
+        return made.but(measure=None) if quantity.unit(self.shown_in) == "1" else made
 
     def _of_faces(self) -> Iterator[Value]:
         """How many faces are hit, and the greatest of their depths and rates."""
@@ -395,7 +390,7 @@ class MapSummary(Result):
                         "error": _times(greatest, data["relative_error"].values[face].item()),
                         "marks": [Mark(excess > 0, f"the greatest of many, by chance {by_chance}")],
                     }
-                yield FACES[name].declare(f"greatest_{name}", greatest, self.units, **more)
+                yield FACES[name].declare(f"greatest_{name}", greatest, **more)
 
     def _patches(self) -> Columns:
         """The totals of each patch; a table has those of several patches, their volume or their mass a year."""
@@ -477,7 +472,7 @@ class MapSummary(Result):
         excess, rivals, error = self._chance
         name = "depth_per_year" if "depth_per_year" in self.dataset else "depth"
         truly, wear = self.dataset[name].max().item() / (1 + excess), FACES[name]
-        scale = Scale(1.0, wear.fixed) if wear.fixed else table_scale(wear.dimension, self.units, truly)
+        scale = wear.scale(self.shown_in, truly)
         numbers = {"excess": excess, "rivals": rivals, "error": error, "truly": truly / scale.size, "unit": scale.unit}
         yield Finding("greatest_by_chance" if error < _ROUGH else "greatest_of_few_rows", numbers=numbers)
 
@@ -486,12 +481,9 @@ class MapSummary(Result):
         """The erosion of the whole, where it is far from what tests find at its mean speed."""
         data = self.dataset
         specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
-        removed, metres = (
-            conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")
-        )
         has_density = "total_erosion_ratio" in data and specific
-        density = float(data["total_erosion_ratio"]) / specific / removed if has_density else None
-        return far_from_tests(specific * removed, speed * metres, density)
+        density = float(data["total_erosion_ratio"]) / specific if has_density else None
+        return far_from_tests(specific, speed, density)
 
 
 def _times(value: float, relative_error: float) -> float:

@@ -23,7 +23,6 @@ from erosion.parameters import (
     Parameters,
     UnitError,
     about,
-    conversion_factor,
     has_unit,
     read_quantity,
     validate,
@@ -136,8 +135,6 @@ class MapOptions:
         Raises:
             ValueError, TypeError: naming the first law that does not.
         """
-        self.laws.require_units(self.p.units)
-        self.uncertain.require_units(self.p.units)
         varied, common = self.laws.within(ranges(model)).medians, self.common(model)
         # So that an own parameter that cannot be an array is refused too.
         with_values(model, self.p, {name: value for name, value in (varied | common).items() if name != FRACTION})
@@ -163,8 +160,8 @@ class MapOptions:
             "scaling": None if self.scaling == "similar" else self.scaling,
             "diameter": self.diameter,
             "spin": self.spin,
-            **self.laws.in_words({}, self.p.units),
-            **{f"uncertain {name}": law for name, law in self.uncertain.in_words({}, self.p.units).items()},
+            **self.laws.in_words({}, self.p.shown_in),
+            **{f"uncertain {name}": law for name, law in self.uncertain.in_words({}, self.p.shown_in).items()},
             "draws": self.draws if self.uncertain else None,
             "seed": self.seed_used,
             FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
@@ -188,7 +185,7 @@ class MapOptions:
             return None
         is_flow = False
         with contextlib.suppress(UnitError):
-            is_flow = isinstance(self.injected, str) and bool(read_quantity(self.injected, "mass flow", "si"))
+            is_flow = isinstance(self.injected, str) and bool(read_quantity(self.injected, "mass flow"))
         if not (is_flow and has_unit(self.injected)):
             return _read("injected", self.injected, "mass")
         if duration is None:
@@ -212,16 +209,16 @@ class MapOptions:
 
     def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
-        known, units = quantities(model), self.p.units
+        known, units = quantities(model), self.p.shown_in
         uncertain = self.uncertain.in_words(known, units)
         return self.laws.in_words(known, units) | {name: f"uncertain {law}" for name, law in uncertain.items()}
 
     def constants_in_words(self, model: CuttingModel) -> str:
         """Constants of the model, the formula of a correlation, else the case, and own parameters; and laws."""
         formula = model.formula if isinstance(model, Correlated) else ""
-        own = own_in_words(model, self.names, self.p.units)
+        own = own_in_words(model, self.names, self.p.shown_in)
         values = {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.names}
-        case = [f"{QUANTITIES[name].symbol} = {QUANTITIES[name].in_words(value, self.p.units)}"
+        case = [f"{QUANTITIES[name].symbol} = {QUANTITIES[name].in_words(value, self.p.shown_in)}"
                 for name, value in values.items() if value]  # fmt: skip
         laws = [f"{name} = {law}" for name, law in self.laws_in_words(model).items()]
         return "; ".join(filter(None, [formula, ", ".join([*case, *filter(None, [own]), *laws])]))
@@ -269,17 +266,14 @@ class MapOptions:
             values: by parameter, φ̇₀ among them, what takes the place of the case's value: from `of_rows` for these
                 rows, and from `common`.
         """
-        units = self.p.units
         model, p = with_values(model, self.p, {name: value for name, value in values.items() if name != FRACTION})
-        mass = hits.mass * conversion_factor("mass", "si", units)
         if self.scaling == "none":
-            growth = np.ones_like(mass)
+            growth = np.ones_like(hits.mass)
         elif self.diameter is None:
-            growth = np.cbrt(mass / float(self.p.m))
+            growth = np.cbrt(hits.mass / float(self.p.m))
         else:
-            growth = hits.diameter * (conversion_factor("length", "si", units) / self.diameter)
-        speed = hits.speed * conversion_factor("speed", "si", units)
-        p = dataclasses.replace(p.similar(growth), m=mass, v0=speed, alpha=hits.alpha)
+            growth = hits.diameter / self.diameter
+        p = dataclasses.replace(p.similar(growth), m=hits.mass, v0=hits.speed, alpha=hits.alpha)
         if isinstance(model, CorrelatedBySize):
             # The table knows the size, for which the case alone has but a density to guess from.
             model = model.replace(particle_density=6 * hits.mass / (math.pi * hits.diameter**3))
@@ -298,7 +292,7 @@ def _read_sand_rate(rate: Any) -> float | None:
     if of_flow is None:
         return None if rate is None else _read("sand_rate", rate, "mass flow")
     with about("Argument `sand_rate`"):
-        share = read_quantity(of_flow[1], "1", "si") * 1e-6
+        share = read_quantity(of_flow[1], "1") * 1e-6
         if not 0 < share <= 1:
             raise ValueError(f"must have a share above 0 and of at most 1e6 ppm, but is {briefly(rate)}")
     return share * _read("sand_rate", of_flow[2], "mass flow")
@@ -313,7 +307,7 @@ def _read(name: str, given: Any, dimension: Dimension) -> float:
                 raise ValueError(f"must have a unit, as {_SUCH_AS[dimension]!r} has, but is {briefly(given)}")
             if _SOME_TON.search(given):
                 raise ValueError(f"must say which ton, t (1000 kg), short_ton or long_ton, but is {briefly(given)}")
-            value = read_quantity(given, dimension, "si")
+            value = read_quantity(given, dimension)
     if not (_are_numbers(value) and 0 < value < np.inf):
         raise ValueError(f"Argument `{name}` must be positive and finite, but is {briefly(given)}.")
     return float(value)

@@ -101,7 +101,9 @@ class FitTask:
     def measured(self, output: Output) -> "lazy.Measurements":
         """The measurements; columns that are not used are a warning."""
         fit = self.fit
-        measured = lazy.read_measurements(self.data, self.p.units, error=fit.error, per=fit.per, **self.table.arguments)
+        measured = lazy.read_measurements(
+            self.data, self.p.shown_in, error=fit.error, per=fit.per, **self.table.arguments
+        )
         if measured.unused:
             output.warn(Finding("unused_columns", str(self.data), {"columns": measured.unused}))
         output.warn(*map(stated, measured.notes))
@@ -195,7 +197,7 @@ def given_fit(
     return FitTask(data, table, case, p, fit, names, of_model)
 
 
-def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
+def dimension_of(name: str, models: Sequence[Any]) -> "lazy.Dimension":
     """The dimension of a parameter of an impact, of one of the models (names or models), or of a factor."""
     with user_errors():
         known = [lazy.QUANTITIES, *(lazy.quantities(lazy.load_model(model)) for model in models)]
@@ -299,11 +301,9 @@ def calibrate(
     output.wrote(*task.next_steps(ranking, case_file, samples), figure=plot, case=case_file, samples=samples)
 
 
-def _read_bounds(
-    texts: Sequence[str], free: Sequence[str], models: Sequence[str], case: CaseOptions
-) -> dict[str, tuple[float, float]]:
-    """Bounds such as "psi=0.01:0.3", by parameter, in the units of the case."""
-    bounds: dict[str, tuple[float, float]] = {}
+def _read_bounds(texts: Sequence[str], free: Sequence[str], models: Sequence[str], case: CaseOptions) -> "lazy.InSI":
+    """Bounds such as "psi=0.01:0.3", by parameter."""
+    bounds = lazy.InSI()
     for text in texts:
         name, equals, ends = (part.strip() for part in text.partition("="))
         least, colon, greatest = (part.strip() for part in ends.partition(":"))
@@ -315,7 +315,7 @@ def _read_bounds(
             (name in bounds, f"give {name} once, but gives it several times."),
             kind=InputError,
         )  # fmt: skip
-        dimension = dimension_of(name, models, case.system)
+        dimension = dimension_of(name, models)
         source, typed = f"Option `--bounds`, {name},", f"--bounds {name}={least}:"
         bounds[name] = case.read_ends(source, typed, (least, greatest), dimension)
         if not bounds[name][0] < bounds[name][1]:
@@ -335,9 +335,9 @@ class JobOptions:
 
     def job(self, case: CaseOptions) -> "lazy.Job | None":
         """The job, where there is one."""
-        area = case.read("area", self.area, "area", units="si")
-        depth = case.read("depth", self.depth, "length", units="si")
-        feed = case.read("feed", self.feed, "mass flow", units="si")
+        area = case.read("area", self.area, "area")
+        depth = case.read("depth", self.depth, "length")
+        feed = case.read("feed", self.feed, "mass flow")
         if area is None and depth is None and feed is None:
             return None
         if area is None or depth is None:
@@ -531,7 +531,7 @@ class ReadFit:
         of_draws = [doubt for part in self.draws for model in self.models.values()
                     for doubt in (*part.doubts(model, advice.p, advice.per_mass.cutting_fraction), *part.of_fit())
                     if (doubt.code, doubt.numbers) not in told]  # fmt: skip
-        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(self.p.to("si").v0), "si")}
+        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(self.p.v0), "si")}
         is_usual = self.case.case is None and "v0" not in self.case.given()
         of_table = found((is_usual, Finding("speed_of_table_1", "", speed)))
         return dataclasses.replace(
@@ -577,7 +577,7 @@ def advise(
     options = with_file(case, file)
     options.refuse_given("all angles of the nozzle are compared", "alpha")
     p = options.parameters()
-    deviation = options.read("spread", spread, "angle", units="si")
+    deviation = options.read("spread", spread, "angle")
     fit, shop = GivenFit(fit_of_tests or TestedFitOptions(), options, model), shop or JobOptions()
     job, other = shop.job(options), shop.other(options)
     what = "table" if output is not None and output.suffix == ".csv" else "page"

@@ -94,6 +94,11 @@ class _Asked(NamedTuple):
     density: float | None
 
     @property
+    def in_si(self) -> "lazy.Parameters":
+        """The case shown in SI, beside which bare numbers are in SI."""
+        return self.p.to("si")
+
+    @property
     def reach(self) -> dict[str, Any]:
         """The speeds and diameters over which forms must hold."""
         return {name: self.axes[name] for name in ("v0", "d")}
@@ -103,7 +108,7 @@ class _Asked(NamedTuple):
         """The finding that bodies turn by more than 90° in some of the cuts of which forms are made."""
         own = {"alpha": lazy.TABLE_ANGLES, "v0": self.p.v0}
         alpha, speed = (own[name] if self.axes[name] is None else self.axes[name] for name in own)
-        p = self.p.replace(alpha=alpha.reshape(-1, 1), v0=speed)
+        p = dataclasses.replace(self.p, alpha=alpha.reshape(-1, 1), v0=speed)
         return lazy.finding_of_turned(lazy.count_turned(self.model, p))
 
 
@@ -148,7 +153,7 @@ def export(
             for part in parts.values():
                 lazy.write_whole(part.path, part.text.encode())
     output.warn(*(finding for part in parts.values() for finding in part.findings), asked.turned)
-    output.present(f"{in_full(name, chosen, asked.p.units)}: for CFD codes", _declared(parts), {name: chosen})
+    output.present(f"{in_full(name, chosen, asked.p.shown_in)}: for CFD codes", _declared(parts), {name: chosen})
     if refusals:
         raise RuntimeError(" ".join(refusals))
 
@@ -179,7 +184,7 @@ def _to_openfoam(asked: _Asked, path: Path) -> _Part:
     # In an OpenFOAM case the entry names its walls.
     of_mesh = lazy.case_of(path.parent)
     walls = () if of_mesh is None else lazy.open_case(of_mesh).walls
-    form = lazy.to_openfoam(asked.model, asked.p, **asked.reach, **asked.particles, patches=walls)
+    form = lazy.to_openfoam(asked.model, asked.in_si, **asked.reach, **asked.particles, patches=walls)
     numbers = {name: getattr(form, name) for name in ("psi", "K", "misfit", "rms")}
     numbers |= {"p": {"value": form.p, "unit": "Pa"}, "misfit_over_speeds": form.losses.worst}
     line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
@@ -187,7 +192,7 @@ def _to_openfoam(asked: _Asked, path: Path) -> _Part:
 
 
 def _to_fluent(asked: _Asked, path: Path) -> _Part:
-    form = lazy.to_fluent(asked.model, asked.p, **asked.reach, **asked.particles, density=asked.density)
+    form = lazy.to_fluent(asked.model, asked.in_si, **asked.reach, **asked.particles, density=asked.density)
     numbers = {"exponent": form.exponent, "factor": form.factor, "misfit": form.misfit}
     numbers["misfit_over_speeds"] = form.losses.worst
     line = f"Fluent: {len(form.angle)} angles, b = {form.exponent:.6g}, C = {form.constant(form.factor)}"
@@ -195,11 +200,11 @@ def _to_fluent(asked: _Asked, path: Path) -> _Part:
 
 
 def _volumes(asked: _Asked, path: Path) -> _Part:
-    return _table(path, lazy.volume_table(asked.model, asked.p, **asked.axes, **asked.particles), "V")
+    return _table(path, lazy.volume_table(asked.model, asked.in_si, **asked.axes, **asked.particles), "V")
 
 
 def _rebounds(asked: _Asked, path: Path) -> _Part:
-    rebounds = lazy.restitution(asked.model, asked.p, alpha=asked.axes["alpha"], v0=asked.axes["v0"])
+    rebounds = lazy.restitution(asked.model, asked.in_si, alpha=asked.axes["alpha"], v0=asked.axes["v0"])
     lost = int(rebounds.e_n.isnull().sum())
     if lost == rebounds.e_n.size:
         raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
 from cyclopts import Parameter
 
 from erosion.cli import lazy
@@ -129,7 +130,7 @@ class GivenLaws:
         """
         where, path = self.rows
         with reading(where):
-            rows = () if path is None else (lazy.read_samples(path, lazy.quantities(model), self.case.system),)
+            rows = () if path is None else (lazy.read_samples(path, lazy.quantities(model)),)
         single, samples, draws = self._uncertain(model)
         pairs, uncertain_pairs = self._pairs(laws, single)
         with user_errors(fields={"samples": where, "correlation": self.correlation[0]}):
@@ -147,18 +148,18 @@ class GivenLaws:
         self, model: "lazy.CuttingModel"
     ) -> "tuple[dict[str, Any], tuple[lazy.JointSamples, ...], list[lazy.Draws]]":
         """Of what is uncertain the laws and the samples, and the posteriors' files among these."""
-        (where, texts), units = self.uncertain, self.case.system
+        where, texts = self.uncertain
         laws: dict[str, Any] = {}
         samples, draws, known = list[Any](), list[Any](), lazy.quantities(model)
         for text in texts:
             try:
                 if not isinstance(text, str):
-                    read = lazy.JointSamples(text, "draws", units)
+                    read = lazy.JointSamples(self._in_si(text, known), "draws")
                 elif text.strip().endswith(".nc"):
-                    draws.append(lazy.read_draws(text.strip(), known, units))
+                    draws.append(lazy.read_draws(text.strip(), known))
                     read = draws[-1].rows
                 elif _is_file(text):
-                    read = lazy.read_samples(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units)
+                    read = lazy.read_samples(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]})
                 else:
                     read = self._law(text, known)
             except (TypeError, ValueError) as error:
@@ -174,6 +175,12 @@ class GivenLaws:
             else:
                 laws |= read
         return laws, tuple(samples), draws
+
+    def _in_si(self, columns: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+        """Columns of a case file, whose numbers are in its units."""
+        sizes = {name: known[name].size(self.case.system) if name in known else 1.0 for name in columns}
+        return {name: np.asarray(values) * sizes[name] if sizes[name] != 1 else values
+                for name, values in columns.items()}  # fmt: skip
 
     def _law(self, text: str, known: Mapping[str, Any]) -> dict[str, Any]:
         """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
@@ -303,11 +310,12 @@ def case_and_laws(
     texts = options.texts(verb, section)
     for name, (source, text) in texts.items():
         with reading(source):
-            values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
+            values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.shown_in)
     options.warn_of_flow_stress(values)
     numbers, laws = _split(values)
+    changes: dict[str, Any] = {**numbers}
     with user_errors():
-        p = p.replace(**numbers)
+        p = dataclasses.replace(p, **changes)
     name = model or section.get("model", "linearized")
     own_texts = settings(own, section, f"{options.case}: `set` of [{verb}]")
     given = (joint or LawOptions()).with_section(section, where, options)
@@ -317,9 +325,9 @@ def case_and_laws(
     return CaseAndLaws(p, lazy.called(name, base), base, own_numbers, {**laws, **own_laws}, given, inputs)
 
 
-def _number_or_law(name: str, text: Any, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
-    law = lazy.read_law(str(text), name, dimension, units)
-    return lazy.read_quantity(str(text), dimension, units) if law is None else law
+def _number_or_law(name: str, text: Any, dimension: "lazy.Dimension", bare: "lazy.System") -> Any:
+    law = lazy.read_law(str(text), name, dimension, bare)
+    return lazy.read_quantity(str(text), dimension, bare) if law is None else law
 
 
 def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:

@@ -97,10 +97,10 @@ from erosion.parameters.per_mass import read_density as read_density
 from erosion.parameters.quantities import QUANTITIES as QUANTITIES
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
 from erosion.parameters.quantities import Dimension as Dimension
+from erosion.parameters.quantities import InSI as InSI
 from erosion.parameters.quantities import System as System
 from erosion.parameters.quantities import check_system as check_system
-from erosion.parameters.quantities import conversion_factor as conversion_factor
-from erosion.parameters.quantities import declare_result as declare_result
+from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import read_axis as read_axis
 from erosion.parameters.quantities import read_quantity as read_quantity
 from erosion.parameters.quantities import unit_of as unit_of

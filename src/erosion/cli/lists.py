@@ -329,6 +329,6 @@ def report(
         lazy.chosen_questions(only)
         lazy.require_folder(output)
     with progress_bar("report") as progress:
-        chosen = {"case_name": options.title(p.units), "only": only, "brief": brief, "per_mass": per_mass}
+        chosen = {"case_name": options.title(p.shown_in), "only": only, "brief": brief, "per_mass": per_mass}
         page = lazy.write_report(p, output, **chosen, progress=progress)
     print(page.resolve())

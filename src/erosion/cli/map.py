@@ -117,7 +117,7 @@ class _RowOptions:
         abrasive: PerMassOptions,
         section: Mapping[str, Any],
     ) -> "lazy.MapOptions":
-        """The same as numbers in the units of the case.
+        """The same as numbers in SI.
 
         Args:
             sand: case and model.
@@ -306,7 +306,7 @@ def _size_doubt(dataset: "xr.Dataset", options: CaseOptions) -> Finding | None:
     grit, _ = options.materials()
     if grit is None:
         return None
-    mass = lazy.conversion_factor("mass", dataset.attrs["unit_system"], "si") * float(dataset["total_particle_mass"])
+    mass = float(dataset["total_particle_mass"])
     mean = (6 * mass / (math.pi * grit.density * float(dataset["total_particles"]))) ** (1 / 3)
     if 1 / _SAME_SIZE < mean / grit.size < _SAME_SIZE:
         return None

@@ -168,8 +168,8 @@ class CaseOptions:
 
     @functools.cached_property
     def system(self) -> "lazy.System":
-        """The unit system of the case and of what is computed."""
-        return self.parameters(changed=False).units
+        """The unit system of bare numbers, in which results are shown."""
+        return self.parameters(changed=False).shown_in
 
     def read(
         self,
@@ -177,16 +177,14 @@ class CaseOptions:
         text: str | None,
         dimension: "lazy.Dimension",
         read: "_Read | None" = None,
-        units: "lazy.System | None" = None,
     ) -> Any:
-        """The number of an option; None where it is not given.
+        """The number of an option in SI; None where it is not given.
 
         Args:
             option: its name.
             text: what is typed.
             dimension: of the number.
-            read: takes the text, the dimension and the units of the case; without it a number is read.
-            units: of the result; those of the case without it.
+            read: takes the text, the dimension and the units of bare numbers; without it a number is read.
 
         Raises:
             InputError: also for a bare number whose unit neither --units nor a case file says.
@@ -195,8 +193,7 @@ class CaseOptions:
             return None
         self.require_unit(f"--{option} ", text, dimension)
         with reading(f"Option `--{option}`"):
-            number = (read or lazy.read_quantity)(text, dimension, self.system)
-        return number if units is None else number * lazy.conversion_factor(dimension, self.system, units)
+            return (read or lazy.read_quantity)(text, dimension, self.system)
 
     def read_ends(
         self, source: str, typed: str, ends: tuple[str, str], dimension: "lazy.Dimension"
@@ -240,8 +237,8 @@ class CaseOptions:
             name: the model's name, for messages.
             model: the model whose own parameters are set.
             given: see `settings`.
-            read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
-                several, or its law; without it a number.
+            read: takes an own parameter's name, its text, its dimension and the units of bare numbers; gives its
+                value, or several, or its law; without it a number.
 
         Raises:
             InputError: one sentence naming the option or the field.
@@ -280,7 +277,7 @@ class CaseOptions:
         """A warning where the ψ of a named metal stays beside another σ, which leaves the metal's hardness.
 
         Args:
-            given: by parameter, what takes the place of the case's: a number, values or a law, in the case's units.
+            given: by parameter, what takes the place of the case's: a number, values or a law.
         """
         metal = self.materials()[1]
         names = {*given} if self.file is None or self.target is not None else {*given, *self.file.stated}
@@ -289,7 +286,7 @@ class CaseOptions:
         p = self.parameters(changed=False)
         sigma = given.get("sigma", p.sigma)
         values = sigma.ppf(0.5) if hasattr(sigma, "ppf") else sigma
-        shares = np.ravel(values) / metal.parameters(p.units)["sigma"]
+        shares = np.ravel(values) / metal.parameters["sigma"]
         least, greatest = (end / metal.flow_stress for end in metal.flow_stress_range)
         if ((shares < 0.99 * least) | (shares > 1.01 * greatest)).any():
             self.warn_once(Finding("other_flow_stress", metal.name, {"psi": metal.psi}))
@@ -329,7 +326,7 @@ class CaseOptions:
         """The finding that the plug-in of the case file has other equations than when it was fitted."""
         digest = None if self.file is None else self.file.section("advise").get("equations")
         name, _ = self.model()
-        if digest is None or name is None or lazy.plug_in_digest(lazy.load_model(name), p) == digest:
+        if digest is None or name is None or lazy.plug_in_digest(lazy.load_model(name)) == digest:
             return None
         return Finding("equations_changed", str(self.case), {"model": name})
 
@@ -365,7 +362,7 @@ class CaseOptions:
         if self.file is None or self.units is None:
             return
         with user_errors():
-            units = self.file.parameters().units
+            units = self.file.parameters().shown_in
             if lazy.check_system(self.units) != units:
                 raise InputError(
                     f"Option `--units` cannot convert the {what} of {self.case}, which is in {units}: leave "
@@ -378,14 +375,14 @@ class CaseOptions:
         options = {"particle": self.particle, "target": self.target}
         return in_file | {name: text for name, text in options.items() if text is not None}
 
-    def title(self, units: "lazy.System") -> str:
-        """The name of the case: its title or "Table 1", and changes by options, bare numbers in `units`."""
+    def title(self, system: "lazy.System") -> str:
+        """The name of the case: its title or "Table 1", and changes by options, bare numbers in `system`."""
         with user_errors():
             name = "Table 1" if self.file is None else self.file.title()
         named = [text for text in (self.particle, self.target) if text is not None]
         changes = []
         for q, text in self.given().items():
-            unit = "" if has_unit(text) else unit_name(QUANTITIES[q].dimension, units)
+            unit = "" if has_unit(text) else unit_name(QUANTITIES[q].dimension, system)
             changes.append(f"{QUANTITIES[q].symbol} = {text} {unit}".rstrip())
         return ", ".join([name, *named, *changes])
 
@@ -693,7 +690,7 @@ def asked(options: Any, section: Mapping[str, Any]) -> dict[str, Any]:
     return in_file | {name: value for name, value in given.items() if value is not None}
 
 
-def in_full(name: str, model: "lazy.CuttingModel", units: "lazy.System") -> str:
+def in_full(name: str, model: "lazy.CuttingModel", system: "lazy.System") -> str:
     """A model's name with its own parameters: "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s)"."""
-    own = lazy.own_in_words(model, units=units)
+    own = lazy.own_in_words(model, system=system)
     return f"{name} ({own})" if own else name

@@ -16,7 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
-from erosion.results import Declared, Finding, Result, ValueGroup, render
+from erosion.results import Declared, Finding, Result, ValueGroup, in_unit, render
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it
@@ -153,10 +153,14 @@ class Output:
     ) -> None:
         """Print what is declared, as a document, or as tables with sentences below them; arguments as of `show`."""
         if self.json:
-            self._print_document(render.record(declared, has_units=True), models or {}, varied or {})
+            self._print_document(render.record(declared, self._units, has_units=True), models or {}, varied or {})
         else:
-            _print_tables(render.tables(title, declared), sentences)
+            _print_tables(render.tables(title, declared, self._units), sentences)
             self.wrote(**self._saved)
+
+    @property
+    def _units(self) -> "lazy.System":
+        return "si" if self.p is None else self.p.shown_in
 
     def save(self, *, figure: Callable[[], Any] | None = None, **writers: Callable[[Path], Any]) -> None:
         """Write the files that are asked for, before anything is printed; `show` names them below its tables.
@@ -180,7 +184,7 @@ class Output:
             "verb": self.verb,
             "version": __version__,
             "case": None if self.p is None else _case(self.p, self.case, varied),
-            "units": None if self.p is None else self.p.units,
+            "units": None if self.p is None else self.p.shown_in,
             "model": described[0] if len(described) == 1 else described or None,
             "seed": self.seed,
             "result": result,
@@ -199,7 +203,7 @@ class Output:
 
 def _case(p: "lazy.Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict[str, Any]:
     numbers = {
-        name: {"value": float(getattr(p, name)), "unit": quantity.unit(p.units)}
+        name: {"value": in_unit(float(getattr(p, name)), quantity.size(p.shown_in)), "unit": quantity.unit(p.shown_in)}
         for name, quantity in QUANTITIES.items()
         if name not in varied
     }
@@ -211,9 +215,12 @@ def _case(p: "lazy.Parameters", file: Path | None, varied: Mapping[str, Any]) ->
 def _model(
     name: str, model: "lazy.CuttingModel", p: "lazy.Parameters | None", varied: Mapping[str, Any]
 ) -> dict[str, Any]:
-    units = "si" if p is None else p.units
+    units = "si" if p is None else p.shown_in
     own = {
-        key: {"value": parameter.value, "unit": parameter.quantity.unit(units)}
+        key: {
+            "value": in_unit(parameter.value, parameter.quantity.size(units)),
+            "unit": parameter.quantity.unit(units),
+        }
         for key, parameter in lazy.own_parameters(model).items()
         if key not in varied
     }

@@ -135,7 +135,7 @@ class _NextTests:
 
     def read(self, case: CaseOptions, free: Sequence[str]) -> "_Judge":
         """The function that says which test narrows most; what is typed is read before anything is computed."""
-        units, given = case.system, case.read("next-angles", self.next_angles, "angle", _axis)
+        given = case.read("next-angles", self.next_angles, "angle", _axis)
         with reading("Option `--next-angles`"):
             if given is not None and not ((given > 0) & (given <= np.pi / 2)).all():
                 raise ValueError(f"must be above 0° and at most 90°, but is {self.next_angles}")
@@ -144,7 +144,7 @@ class _NextTests:
             listed = ", ".join(self.next_speeds or ())
             raise InputError(f"Option `--next-speeds` must list positive speeds, but is {listed}.")
         with user_errors(fields={"particle": "Option `--next-particles`"}):
-            sizes = [lazy.particle(text).parameters(units) for text in self.next_particles or ()]
+            sizes = [lazy.particle(text).parameters for text in self.next_particles or ()]
         for option, names in {
             "speeds": ["v0"] * bool(speeds),
             "particles": [name for one in sizes for name in one],
@@ -170,8 +170,8 @@ class _NextTests:
             angles = np.deg2rad(lazy.tested_degrees(posteriors.best.data)) if given is None else given
             at = _conditions(posteriors.best.likelihood.problem, speeds or None, sizes)
             others: dict[str, Any] = {name: np.array([one[name] for one in at]) for name in at[0]}
-            candidates = {"alpha": angles[:, None], **others}
-            return lazy.next_test(posteriors.fits, candidates, for_prediction=asked)
+            candidates = lazy.InSI(alpha=angles[:, None], **others)
+            return lazy.next_test(posteriors.fits, candidates, for_prediction=lazy.InSI(asked))
 
         return judge
 
@@ -247,10 +247,10 @@ def _read_priors(
     models: Sequence[Any],
     measured: "lazy.Measurements",
     case: CaseOptions,
-) -> Mapping[str, Any]:
+) -> "lazy.InSI":
     """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
     known = (*free, *((lazy.NOISE, lazy.RELATIVE) if measured.uncertainty is None else (lazy.ERROR_FACTOR,)))
-    laws: dict[str, Any] = {}
+    laws = lazy.InSI()
     for text in texts:
         name, _, law = (part.strip() for part in text.partition("="))
         lazy.refuse(
@@ -260,10 +260,10 @@ def _read_priors(
             (name in laws, f"give {name} once, but gives it several times."),
             kind=InputError,
         )  # fmt: skip
-        dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models, measured.units)
+        dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models)
         case.require_unit(f"--prior {name}=", law, dimension)
         with reading(f"Option `--prior`, {name},"):
-            read = lazy.read_law(law, name, dimension, measured.units)
+            read = lazy.read_law(law, name, dimension, measured.shown_in)
         if read is None:
             listed = ", ".join((*lazy.LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {briefly(law)}.")
@@ -297,19 +297,19 @@ def predict(
     with user_errors():
         lazy.check_share("level", level)
         predictor = lazy.read_predictor(fitted)
-        draws = lazy.read_draws(fitted, lazy.quantities(predictor.problem.model), predictor.data.units)
+        draws = lazy.read_draws(fitted, lazy.quantities(predictor.problem.model))
     if unit is not None:
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
     printed = Output("predict", predictor.problem.p, json=json, seed=predictor.seed, plot=plot, files={"table": output},
                      inputs=[fitted])  # fmt: skip
     printed.case = fitted
-    speeds = None if v0 is None else _asked("v0", v0, predictor.data.units).tolist()
+    speeds = None if v0 is None else _asked("v0", v0).tolist()
     with user_errors():
-        sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
+        sizes = [] if particle is None else [lazy.particle(particle).parameters]
     at = _conditions(predictor.problem, speeds, sizes)
-    asked = np.tile(_asked("alpha", alpha, predictor.data.units), (len(at), 1))
-    others: dict[str, Any] = {name: np.array([[one[name]] for one in at]) for name in at[0]}
+    asked = np.tile(_asked("alpha", alpha), (len(at), 1))
+    others = lazy.InSI({name: np.array([[one[name]] for one in at]) for name in at[0]})
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.problem.p, alpha=asked, **others))
         table = lazy.predict(predictor, asked, others, level=level)
@@ -324,26 +324,26 @@ def predict(
     printed.show(table, {lazy.model_name(model): model}, varied=varied)
 
 
-def _axis(text: str, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
+def _axis(text: str, dimension: "lazy.Dimension", bare: "lazy.System" = "si") -> Any:
     """The values of an axis or of a single number, shape (n,)."""
-    return np.atleast_1d(lazy.read_axis(text, dimension, units))
+    return np.atleast_1d(lazy.read_axis(text, dimension, bare))
 
 
-def _asked(name: str, text: str, units: "lazy.System") -> Any:
+def _asked(name: str, text: str) -> Any:
     """The values of a parameter that a prediction is asked for, shape (n,); each has its unit."""
     dimension = QUANTITIES[name].dimension
     require_unit(f"--{name} ", text, dimension)
     with reading(f"Option `--{name}`"):
-        return _axis(text, dimension, units)
+        return _axis(text, dimension)
 
 
 def _conditions(
     problem: "lazy.FitProblem", speeds: Sequence[float] | None, sizes: Sequence[Mapping[str, float]]
-) -> list[dict[str, float]]:
+) -> "list[lazy.InSI]":
     """What is asked beside the angle, each once: the speeds and masses of the tests, or those of the options."""
     usual = {} if "v0" in problem.names else {"v0": float(problem.p.v0)}
     groups = [{**usual, **group.values, **size}
               for group in lazy.conditions(problem.data, lazy.MOST) for size in sizes or [{}]]  # fmt: skip
     if speeds is not None:
         groups = [{**group, "v0": speed} for group in groups for speed in speeds]
-    return [dict(each) for each in dict.fromkeys(tuple(group.items()) for group in groups)]
+    return [lazy.InSI(each) for each in dict.fromkeys(tuple(group.items()) for group in groups)]

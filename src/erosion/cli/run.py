@@ -53,7 +53,7 @@ def run(
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn(Finding("no_derivative"))
     output.save(figure=lambda: lazy.plot_trajectory(trajectory))
-    cut.show(output, trajectory, _in_si(trajectory.volume, cut.p.units))
+    cut.show(output, trajectory, _in_si(trajectory.volume, cut.p.shown_in))
 
 
 class _Cut(NamedTuple):
@@ -67,7 +67,7 @@ class _Cut(NamedTuple):
     def show(self, output: Output, result: "lazy.Trajectory | lazy.Optimum", also: Sequence[Declared]) -> None:
         """Show a result with the erosion per mass of abrasive, under the model's name with its own parameters."""
         output.warn(self.per_mass.finding(result.volume, self.p))
-        title = f"{in_full(self.name, self.model, self.p.units)}: {result.title.partition(': ')[2]}"
+        title = f"{in_full(self.name, self.model, self.p.shown_in)}: {result.title.partition(': ')[2]}"
         output.show(
             result, {self.name: self.model}, [*self.per_mass.declare(result.volume, self.p), *also], title=title
         )
@@ -80,11 +80,10 @@ def _cut(options: CaseOptions, model: str | None, own: Sequence[str] | None, abr
     return _Cut(p, name, chosen, weighing(chosen, abrasive, options))
 
 
-def _in_si(volume: float, units: "lazy.System") -> list[Value]:
+def _in_si(volume: float, system: "lazy.System") -> list[Value]:
     """The volume once more, where it is not in SI."""
-    volume *= lazy.conversion_factor("volume", units, "si")
-    same = lazy.declare_result("volume", volume, "si", meaning="removed volume in SI", only="table")
-    return [] if units == "si" else [same]
+    same = lazy.RESULTS["volume"].in_si("volume", volume, meaning="removed volume in SI", only="table")
+    return [] if system == "si" else [same]
 
 
 def optimum(
@@ -148,7 +147,8 @@ def _sensitivities(best: "lazy.Optimum") -> list[Declared]:
     """How the angle moves with each parameter: by one of its units in JSON, by its own size in a table."""
     rates = best.sensitivities
     known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
-    data = Value("sensitivities", [*map(float, rates.values())], labels=[*rates], only="data")
+    by_unit = [float(rate) * known[q].size(best.shown_in) for q, rate in rates.items()]
+    data = Value("sensitivities", by_unit, labels=[*rates], only="data")
     if best.without_sensitivities:
         return [data]
     moves = [math.degrees(rate * size[q]) for q, rate in rates.items()]

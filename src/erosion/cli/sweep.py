@@ -80,7 +80,7 @@ class GridOptions:
             outputs = lazy.SweepOutputs(**chosen)
             # Correlations are those that are made for the target; a single model's own values are the grid's.
             made = [options.reference(name, as_set=True) for name in models] if several else options.reference(models)
-            return lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
+            return lazy.make_grid(made, p, lazy.InSI(axes), outputs, paired=together, own=single)
 
 
 @Parameter(name="*")
@@ -202,7 +202,7 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[l
     values: dict[str, Any] = {}
     for name, (source, value) in given.items():
         with reading(source):
-            values[name] = lazy.read_axis(value, QUANTITIES[name].dimension, p.units)
+            values[name] = lazy.read_axis(value, QUANTITIES[name].dimension, p.shown_in)
     options.warn_of_flow_stress(values)
     p = dataclasses.replace(p, **{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}

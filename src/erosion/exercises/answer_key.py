@@ -4,7 +4,7 @@ import dataclasses
 import html
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,9 @@ from erosion.exercises.numerics import NUMERICS, first_guess
 from erosion.exercises.scenario import SCENARIO
 from erosion.output import briefly
 from erosion.parameters import (
+    SYSTEMS,
     Dimension,
     Parameters,
-    System,
-    conversion_factor,
     known_scales,
     require_scalars,
     unit_name,
@@ -82,7 +81,7 @@ class AnswerKey:
         print(key.check("t_c", 4.9e-5))  # t_c: It is more than 5 % below the answer. …
 
     Args:
-        p: the case, all scalars. Its own spin is left aside.
+        p: the case, all scalars, which the key shows in SI. Its own spin is left aside.
         course: "scenario" (its questions 1 to 8 and the additional ones) or "numerics" (the numerical methods).
 
     Raises:
@@ -94,7 +93,7 @@ class AnswerKey:
         require_scalars(p)
         if course not in COURSES:
             raise ValueError(f"Argument `course` must be {' or '.join(COURSES)}, but is {briefly(course)}.")
-        self.p = p.replace(phidot0=0.0)
+        self.p = p.to("si").replace(phidot0=0.0)
         self.course = COURSES[course]
         self._answers: dict[str, float] = {}
         self._points: dict[str, int] = {}
@@ -113,7 +112,7 @@ class AnswerKey:
         return self.course.tasks
 
     def answer(self, task: str) -> float:
-        """The answer to a task, in the units of the case, angles in radians.
+        """The answer to a task, in SI, angles in radians.
 
         Raises:
             ValueError: for a name that is no task.
@@ -129,7 +128,7 @@ class AnswerKey:
 
         Args:
             task: its name, one of `tasks`.
-            answer: a number in the units of the case, angles in radians; `...` where there is none yet.
+            answer: a number in SI, angles in radians; `...` where there is none yet.
 
         Returns:
             Whether it is right, and in one or two sentences roughly how far off it is.
@@ -165,19 +164,17 @@ class AnswerKey:
         for factor, slip in SLIPS:
             if abs(ratio / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
                 return slip
-        unit = unit_name(asked.dimension, self.p.units)
-        for system in get_args(System):
-            per_unit = conversion_factor(asked.dimension, self.p.units, system)
+        unit = unit_name(asked.dimension, "si")
+        for system in SYSTEMS:
             for scale in known_scales(asked.dimension, system):
-                factor = per_unit / scale.size
-                if scale.unit != unit and abs(ratio / factor - 1) <= asked.tolerance:
+                if scale.unit != unit and abs(ratio * scale.size - 1) <= asked.tolerance:
                     return f"It is right in {scale.unit}; give {unit}."
         return ""
 
     def _in_words(self, value: float, dimension: Dimension) -> str:
         if dimension == "angle":
             return f"{value:.7g} rad, {math.degrees(value):.7g}°"
-        return f"{value:.7g} {unit_name(dimension, self.p.units)}".strip()
+        return f"{value:.7g} {unit_name(dimension, 'si')}".strip()
 
 
 def _how_far(ratio: float) -> str:

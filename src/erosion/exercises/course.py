@@ -20,7 +20,7 @@ class Task:
         tolerance: relative, within which an answer is right.
         points: for the right answer.
         hint: what to do where an answer is near, but not near enough.
-        answer: the number for a case without spin, in the case's units, angles in radians.
+        answer: the number for a case without spin, in SI, angles in radians.
         slip: what to say of a wrong number that comes from a mistake of this task; empty for any other.
     """
 
@@ -52,7 +52,7 @@ def end_of_cut(p: Parameters) -> float:
 
 
 def volume(p: Parameters) -> float:
-    """V of the linearized model [volume]."""
+    """V of the linearized model [m³]."""
     return float(LINEARIZED.volume(p))
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from erosion.exercises.answer_key import AnswerKey
 from erosion.extras import library
 
-CASE = "p = erosion.TABLE_1"
+CASE = 'p = erosion.TABLE_1.to("si")'
 """The line of the text that a notebook replaces by its own case."""
 
 _FENCE = re.compile(

@@ -1,5 +1,6 @@
 """The numerical course: fixed steps in plain numpy, the end of a cut, Newton's method, and where it fails."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -83,7 +84,7 @@ def _newton_step(p: Parameters) -> float:
 def spinning(p: Parameters) -> Parameters:
     """A grain whose best angle is at a jump of V(α) and turns by less than 90°: k = 1, rω/v₀ = 0.6, rφ̇₀/v₀ = 0.4."""
     v0 = float(p.r) * math.sqrt(float(p.stiffness / p.m)) / 0.6
-    return p.replace(k=1.0, v0=v0, phidot0=0.4 * v0 / float(p.r), inertia=0.5)
+    return dataclasses.replace(p, k=1.0, v0=v0, phidot0=0.4 * v0 / float(p.r), inertia=0.5)
 
 
 def _farthest(v0: float = 100.0, drag: float = 0.1, g: float = 9.81) -> float:

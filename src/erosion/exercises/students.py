@@ -88,7 +88,7 @@ def read_students(path: Path) -> list[str]:
 
 
 def answers_table(keys: Mapping[str, AnswerKey], *, progress: Progress | None = None) -> str:
-    """The case and all answers of each student as CSV, angles in radians, in the units of the case."""
+    """The case and all answers of each student as CSV, angles in radians, in SI."""
     (first, *_) = keys.values()
     parameters: dict[str, Dimension] = {name: quantity.dimension for name, quantity in QUANTITIES.items()}
     tasks: dict[str, Dimension] = {name: task.dimension for name, task in first.tasks.items()}
@@ -97,6 +97,6 @@ def answers_table(keys: Mapping[str, AnswerKey], *, progress: Progress | None = 
         if progress is not None:
             progress("solving the tasks", done, len(keys))
         rows.append([*(float(getattr(key.p, name)) for name in parameters), *map(key.answer, tasks)])
-    units = (unit_name(dimension, first.p.units) for dimension in (*parameters.values(), *tasks.values()))
+    units = (unit_name(dimension, "si") for dimension in (*parameters.values(), *tasks.values()))
     headings = (f"{name} [{unit}]" if unit else name for name, unit in zip((*parameters, *tasks), units, strict=True))
     return to_csv({"student": [*keys], **dict(zip(headings, zip(*rows, strict=True), strict=True))})

@@ -26,7 +26,6 @@ from erosion.parameters import (
     Quantity,
     System,
     Target,
-    conversion_factor,
     known_particles,
     known_targets,
     particle,
@@ -67,7 +66,7 @@ def position(name: str, case: PageCase, first: PageCase) -> float:
     Args:
         name: the parameter.
         case: the case that is shown.
-        first: the case at the middle of all sliders, in the same units.
+        first: the case at the middle of all sliders.
     """
     ends = range_of(name)
     return float(np.clip(_place(name, case, first), ends.low, ends.high))
@@ -93,7 +92,8 @@ def at_position(name: str, at: float, case: PageCase, first: PageCase) -> PageCa
     middle = first.numbers()[name]
     moved = middle * _FACTOR**at if middle > 0 else middle + at * _size(name, first)
     least = next((number.least for number in case.own if number.key == name), 0.0)
-    return case.replace(**{name: middle if at == 0 else max(_rounded(moved), least)})
+    size = first.quantities()[name].size(case.units)
+    return case.replace(**{name: middle if at == 0 else max(_rounded(moved / size) * size, least)})
 
 
 def with_spin(s: float, case: PageCase) -> PageCase:
@@ -217,14 +217,14 @@ class Materials:
     particles: Mapping[str, Particle]
     targets: Mapping[str, Target]
 
-    def sized(self, name: str, size: str, units: System) -> Particle:
-        """A particle by its name, of a size as text; a bare number is in these units.
+    def sized(self, name: str, size: str, bare: System) -> Particle:
+        """A particle by its name, of a size as text; a bare number has the unit of the system `bare`.
 
         Raises:
             ValueError: for a size that cannot be read or is not positive.
         """
         try:
-            metres = read_quantity(with_point("size", size), "length", units) * conversion_factor("length", units, "si")
+            metres = read_quantity(with_point("size", size), "length", bare)
         except ValueError as error:
             raise ValueError(f"The size {str(error).rstrip('.')}.") from error
         if not 0 < metres < math.inf:

@@ -21,7 +21,8 @@ from erosion.parameters import (
     System,
     Target,
     about,
-    conversion_factor,
+    check_system,
+    exact_text,
     read_density,
     read_quantity,
     table_scale,
@@ -50,7 +51,7 @@ class OwnNumber(NamedTuple):
     Args:
         model: the model's name on the page.
         name: the parameter's name in the model.
-        value: the number, in the units of the case.
+        value: the number, in SI.
         quantity: the parameter's symbol, meaning and dimension.
         least: the least value that it may have.
     """
@@ -66,26 +67,30 @@ class OwnNumber(NamedTuple):
         """The parameter's name on the page and in links; no two models share a key."""
         return f"{self.model}.{self.name}"
 
-    def read(self, text: str, units: System) -> "OwnNumber":
-        """Return the same parameter with the number that the text holds.
+    def read(self, text: str, bare: System) -> "OwnNumber":
+        """Return the same parameter with the number that the text holds; a bare one is in the system `bare`.
 
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
         with about(f"Field `{self.key}`"):
-            value = read_quantity(text, self.quantity.dimension, units)
+            value = read_quantity(text, self.quantity.dimension, bare)
         return self.with_value(value)
 
     def with_value(self, value: float) -> "OwnNumber":
-        """Return the same parameter with another number.
+        """Return the same parameter with another number, in SI.
 
         Raises:
-            ValueError: if the number is not finite.
+            ValueError: if the number is not finite, or too small.
         """
+
+        def in_si(number: float) -> str:
+            return self.quantity.in_words(number, "si")
+
         refuse(
             f"Field `{self.key}` must be ",
             (not np.isfinite(value), f"a finite number, but is {value:g}."),
-            (value < self.least, f"at least {self.least:g}, but is {value:g}."),
+            (value < self.least, f"at least {in_si(self.least)}, but is {in_si(value)}."),
         )
         return self._replace(value=value)
 
@@ -103,8 +108,8 @@ class PageCase(NamedTuple):
     """The parameters of one impact as plain numbers, so that a dictionary can keep answers by case.
 
     Args:
-        values: the numbers, in the order of `QUANTITIES`.
-        units: their unit system.
+        values: the numbers in SI, in the order of `QUANTITIES`.
+        units: the unit system that shows them.
         own: the own parameters of all models.
     """
 
@@ -114,15 +119,15 @@ class PageCase(NamedTuple):
 
     @classmethod
     def of(cls, p: Parameters, own: tuple[OwnNumber, ...] = ()) -> "PageCase":
-        """Make a case of scalar parameters and of models' own parameters in the same units."""
-        return cls(tuple(float(getattr(p, name)) for name in _NAMES), p.units, own)
+        """Make a case of scalar parameters and of models' own parameters."""
+        return cls(tuple(float(getattr(p, name)) for name in _NAMES), p.shown_in, own)
 
     def parameters(self) -> Parameters:
         """The case as `Parameters`, which hold no own parameters of models."""
-        return Parameters(**dict(zip(_NAMES, self.values, strict=True)), units=self.units)
+        return Parameters(**dict(zip(_NAMES, self.values, strict=True)), shown_in=self.units)
 
     def with_parameters(self, p: Parameters) -> "PageCase":
-        """Replace the parameters of the impact; `p` is in the units of the case, and models' own parameters stay."""
+        """Replace the parameters of the impact; models' own parameters stay."""
         return PageCase.of(p, self.own)
 
     def of_model(self, name: str) -> "PageCase":
@@ -158,8 +163,8 @@ class PageCase(NamedTuple):
         Raises:
             ValueError: one sentence that says what is wrong with a text.
         """
-        numbers: dict[str, Any] = dict(zip(_NAMES, self.values, strict=True))
-        p = Parameters.from_quantities(self.units, {name: texts.get(name, number) for name, number in numbers.items()})
+        numbers = {name: number for name, number in zip(_NAMES, self.values, strict=True) if name not in texts}
+        p = Parameters.from_quantities(self.units, {name: texts[name] for name in _NAMES if name in texts}, numbers)
         own = [number.read(texts[number.key], self.units) if number.key in texts else number for number in self.own]
         return PageCase.of(p, tuple(own))
 
@@ -181,27 +186,28 @@ class PageCase(NamedTuple):
             raise ValueError(f"Field `alpha` must be in degrees, above 0 and up to 90, but is {text.strip()}.")
         if self.quantities()[name].dimension == "angle":
             return self.reading({name: f"{text} deg"})
+        quantity, size = self.quantities()[name], first.scale(name).size
+        if size == quantity.size(self.units):
+            return self.reading({name: text})
         # The product of both as decimal numbers rounds once: 90 µm are 9e-5 m.
-        return self.reading({name: repr(float(Decimal(text.strip()) * Decimal(repr(first.scale(name).size))))})
+        number = float(Decimal(text.strip()) * Decimal(repr(size)))
+        return self.reading({name: f"{number!r} {quantity.unit('si')}".removesuffix(" 1")})
 
     def scale(self, name: str) -> Scale:
         """The unit in which a parameter reads well: 90 µm, but 0.04 in and 2.855e-7 slinch as the source has them."""
-        dimension = self.quantities()[name].dimension
-        scale = table_scale(dimension, self.units, abs(self.numbers()[name]))
-        return Scale(1.0, unit_name(dimension, self.units)) if scale.unit.startswith("10") else scale
+        quantity = self.quantities()[name]
+        scale = table_scale(quantity.dimension, self.units, abs(self.numbers()[name]))
+        if scale.unit.startswith("10"):
+            return Scale(quantity.size(self.units), unit_name(quantity.dimension, self.units))
+        return scale
 
     def to(self, units: str) -> "PageCase":
-        """The same impact in another unit system.
+        """The same impact, shown in another unit system.
 
         Raises:
-            ValueError: for another name than those of the unit systems, and for a number too great for a float there.
+            ValueError: for another name than those of the unit systems.
         """
-        with np.errstate(over="ignore"):
-            p = self.parameters().to(units)
-        validate(p)
-        factors = [conversion_factor(number.quantity.dimension, self.units, p.units) for number in self.own]
-        pairs = zip(self.own, factors, strict=True)
-        return PageCase.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
+        return self._replace(units=check_system(units))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,11 +253,15 @@ class PageState:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
         own = tuple(number for number in self.case.own if number.model in self.models)
         density, fraction = self.per_mass.density, self.per_mass.cutting_fraction
+        parameters = self.case.quantities()
         # A comma in the name of a model is spelled apart from those of the list; few names of files hold one.
         models = [model.replace("%", "%25").replace(",", "%2C") for model in self.models]
         fields = {
             "units": self.case.units,
-            **{name: repr(number) for name, number in self.case._replace(own=own).numbers().items()},
+            **{
+                name: exact_text(number, parameters[name].dimension, self.case.units)
+                for name, number in self.case._replace(own=own).numbers().items()
+            },
             "density": None if density is None else f"{density!r} kg/m^3",
             "cutting_fraction": None if fraction == 1 else repr(fraction),
             "models": ",".join(models),

@@ -16,9 +16,9 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-from erosion.models import State as Body, model_source
+from erosion.models import State as Body, model_source, quantities
 from erosion.output import to_json
-from erosion.parameters import CaseFile, dump_case, dump_model, dump_per_mass
+from erosion.parameters import CaseFile, Dimension, dump_case, dump_model, dump_per_mass, exact_text, unit_size
 
 _REST = 0.2  # s; the slower answers begin after this time without a change
 _PATIENCE = 0.4  # s; a stage is drawn after this time, without the models that still compute
@@ -34,6 +34,16 @@ _TITLES: Mapping[str, str] = {
     "sensitivities": "What moves the best angle",
 }
 _NOTES = {"cut": "Only the tip cuts: what else of the grain would be in the metal is not drawn."}
+
+
+_MOTION: Mapping[str, Dimension] = {
+    "t": "time",
+    "removed": "volume",
+    "phi": "angle",
+    "omega": "angular speed",
+    **dict.fromkeys(("x", "y", "x_tip", "depth"), "length"),
+    **dict.fromkeys(("vx", "vy", "vx_tip", "vdepth"), "speed"),
+}
 
 
 def results_json(answers: Answers, state: PageState) -> bytes:
@@ -53,8 +63,12 @@ def results_json(answers: Answers, state: PageState) -> bytes:
         }
     cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))
     body = ("x", "y", "phi", "vx", "vy", "omega") if isinstance(cut.states, Body) else ()
-    motion = {name: getattr(cut, name) for name in ("t", "x_tip", "depth", "vx_tip", "vdepth", "removed", *body)}
-    shown = {"model": state.shown, "cut": cut.to_dict(), "motion": motion, "sensitivities": dict(rates)}
+    units = state.case.units
+    motion = {name: getattr(cut, name) / unit_size(_MOTION[name], units)
+              for name in ("t", "x_tip", "depth", "vx_tip", "vdepth", "removed", *body)}  # fmt: skip
+    known = quantities(answers.model(state.shown, state.case))
+    rates = {name: rate * known[name].size(units) for name, rate in rates.items()}
+    shown = {"model": state.shown, "cut": cut.to_dict(), "motion": motion, "sensitivities": rates}
     return to_json({"models": models, "shown": shown}).encode()
 
 
@@ -62,7 +76,9 @@ def case_toml(answers: Answers, state: PageState) -> bytes:
     """The case with the model drawn and its own parameters, as a file for all verbs."""
     case = dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)
     source = model_source(answers.models[state.shown])
-    return (case + dump_model(source or state.shown, state.case.own_values(state.shown))).encode()
+    own = {number.name: exact_text(number.value, number.quantity.dimension, state.case.units)
+           for number in state.case.own if number.model == state.shown}  # fmt: skip
+    return (case + dump_model(source or state.shown, own)).encode()
 
 
 def python_lines(state: PageState, sources: Mapping[str, str]) -> str:

@@ -155,8 +155,8 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     if motion is None:
         return (_NOTHING,)
     p = motion.p
-    time = readable_scale("time", p.units, motion.t_c)
-    length = readable_scale("length", p.units, float(np.max(np.abs(motion.x_tip))) or float(p.r))
+    time = readable_scale("time", p.shown_in, motion.t_c)
+    length = readable_scale("length", p.shown_in, float(np.max(np.abs(motion.x_tip))) or float(p.r))
     phi = motion.phi if isinstance(motion.states, Body) else np.full(motion.t.shape, np.pi / 2)
     longest = float(p.r) / length.size
     bar = round_length(longest)
@@ -187,14 +187,14 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     motion = computed.of_shown("cut")
     if motion is None:
         return _NOT_YET
-    time = readable_scale("time", motion.p.units, motion.t_c)
+    time = readable_scale("time", motion.p.shown_in, motion.t_c)
     body = motion.states if isinstance(motion.states, Body) else None
     turns = body is not None and not np.allclose(body.x, motion.x_tip, rtol=1e-9, atol=0)
     t = motion.t / time.size
     series, x_axes, y_axes, grids = [], [], [], []
     for i, ((of_body, of_tip, quantity), (column, row)) in enumerate(zip(HISTORIES, _PANELS, strict=True)):
         tip = getattr(motion, of_tip)
-        scale = readable_scale(quantity.dimension, motion.p.units, float(np.max(np.abs(tip))))
+        scale = readable_scale(quantity.dimension, motion.p.shown_in, float(np.max(np.abs(tip))))
         grids.append({"left": f"{column * 50 + 13}%", "width": "34%", "top": f"{row * 47 + 12}%", "height": "31%"})
         x_axes.append(axis(f"t [{time.unit}]" if row else "", gridIndex=i, min=0, max=float(t[-1]) or 1, nameGap=24,
                            nameLocation="middle", axisLabel={"showMaxLabel": False}, splitNumber=4))  # fmt: skip

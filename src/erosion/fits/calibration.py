@@ -34,7 +34,7 @@ from erosion.fits.residual_checks import check
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
 from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Quantity, table_scale, unit_name
+from erosion.parameters.quantities import InSI, Quantity, table_scale
 from erosion.results import Declared, Finding, Value, ValueGroup
 
 _ROUNDING = 1e-9  # of leverages
@@ -90,7 +90,7 @@ class Calibration(Fit):
 
     @property
     def estimates(self) -> dict[str, float]:
-        """The best value of each free parameter, in the case's units."""
+        """The best value of each free parameter."""
         return self.problem.values(self.solution.theta)
 
     @property
@@ -101,7 +101,7 @@ class Calibration(Fit):
 
     def in_words(self, name: str, value: float, digits: int = 4) -> str:
         """A value of a free parameter with its unit: "7.25 m/s"."""
-        return self.quantities[name].in_words(value, self.p.units, digits)
+        return self.quantities[name].in_words(value, self.p.shown_in, digits)
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -295,12 +295,12 @@ class Calibration(Fit):
                 touched[name] = tuple(marks)
         return touched
 
-    def curve(self, alpha: Any, at: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def curve(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The fitted erosion at angles α [rad], with its standard error.
 
         Args:
             alpha: α [rad], of any shape.
-            at: other parameters of the case than its own, such as {"v0": 60.0}.
+            at: other parameters of the case than its own, such as {"v0": "60 m/s"}; see `Parameters.replace`.
 
         Returns:
             Erosion and one standard deviation of it (of the fit, without the noise of a
@@ -326,7 +326,7 @@ class Calibration(Fit):
             spread = squares.data.deviation * np.sqrt(self.variance / weights)
             data = dataclasses.replace(data, uncertainty=spread, parts=None, error=None)
         laws = flat_laws(problem, {name: ends for name, ends in self.bounds.items() if np.isfinite(ends).all()})
-        within = dataclasses.replace(problem, data=data, bounds={}, priors=laws)
+        within = dataclasses.replace(problem, data=data, bounds={}, priors=InSI(laws))
         return make_predictor(make_likelihood(within), self.estimates, seed=0)
 
     @functools.cached_property
@@ -362,7 +362,7 @@ class Calibration(Fit):
         if np.isnan(rise + offsets).any():
             where = self.in_words(name, self.estimates[name])
             raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
-        return Profile(name, values, 2 * rise / self.variance, unit_name(self.quantities[name].dimension, self.p.units))
+        return Profile(name, values, 2 * rise / self.variance, self.quantities[name], self.shown_in)
 
     @property
     def error_meaning(self) -> str:
@@ -378,13 +378,14 @@ class Calibration(Fit):
 
     def declare(self) -> list[Declared]:
         """Estimates, their errors and intervals, and the quality of the fit."""
-        has_errors, unit, scale = self.data.uncertainty is not None, self.erosion_unit, self.data.scale_of(self.rms)
+        has_errors = self.data.uncertainty is not None
+        measure, scale = self.data.quantity, self.data.scale_of(self.rms)
         checks = check(self)
         needs = f": needs at least {self.rows_for_aicc} rows for these parameters" if self.aicc == np.inf else ""
         without = ": there is a row without which a parameter is open" if self.leave_one_out == np.inf else ""
         return [
             *map(self._row, self.names),
-            *(own.quantity.declare(name, float(own.value), self.p.units, meaning="held", only="table")
+            *(own.quantity.declare(name, float(own.value), meaning="held", only="table")
               for name, own in own_parameters(self.model).items() if name not in self.names),
             Value("rows", len(self.data), only="data"),
             Value("cutting_fraction", self.cutting_fraction, only="data"),
@@ -401,24 +402,25 @@ class Calibration(Fit):
                 [Value(name, [*marks], dims=(name,)) for name, marks in self.bounds_touched(self.level).items()],
                 only="data",
             ),
-            Value("rms", self.rms, meaning=f"of the residuals; {self.error_meaning}", unit=unit, scale=scale, digits=5),
-            *_known(Value("leave_one_out", self.leave_one_out, meaning=f"rms at rows left out{without}", unit=unit,
-                          scale=scale, digits=5)),
+            Value("rms", self.rms, meaning=f"of the residuals; {self.error_meaning}", measure=measure,
+                  scale=scale, digits=5),
+            *_known(Value("leave_one_out", self.leave_one_out, meaning=f"rms at rows left out{without}",
+                          measure=measure, scale=scale, digits=5)),
             Value("noise", "given" if has_errors else "estimated from the residuals", only="data"),
             Value("chi2", self.chi2, "χ²", f"{self.degrees_of_freedom} degrees of freedom", digits=5,
                   only="" if has_errors else "data"),
             Value("degrees_of_freedom", self.degrees_of_freedom, only="data"),
             *checks.of_repeats,
             *_known(Value("aicc", self.aicc, meaning=f"Akaike's criterion, for few data{needs}")),
-            Value("residuals", self.residuals, unit=unit, dims=("row",), only="data"),
+            Value("residuals", self.residuals, measure=measure, dims=("row",), only="data"),
             dataclasses.replace(checks.of_patterns, only="data"),
-            Value("erosion_unit", unit, only="data"),
+            Value("erosion_unit", measure.unit(self.shown_in), only="data"),
         ]  # fmt: skip
 
     def _row(self, name: str) -> Value:
         """A parameter in tables."""
         quantity = self.quantities[name]
-        scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
+        scale = table_scale(quantity.dimension, self.p.shown_in, abs(self.estimates[name]))
         value, meaning = doubts.in_words(self, name, self.level, scale.size)
         return Value(name, value, quantity.symbol, meaning, scale=scale._replace(size=1.0), only="table")
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from erosion.parameters import QUANTITIES, System
+from erosion.parameters import QUANTITIES, InSI, System
 
 MOST = 12  # groups that a figure can tell apart
 
@@ -27,12 +27,12 @@ class Condition:
 
     Args:
         rows: their indexes, shape (n,).
-        values: "v0" and "m", the medians of the rows, where the data have them.
+        values: "v0" and "m", the medians of the rows [SI], where the data have them.
         label: "v₀ = 30 m/s"; empty where the data have neither.
     """
 
     rows: np.ndarray
-    values: Mapping[str, float]
+    values: InSI
     label: str
 
 
@@ -69,8 +69,8 @@ def is_same(first: np.ndarray | float, second: np.ndarray | float) -> np.ndarray
     return np.abs(np.log(first) - np.log(second)) <= SCATTER.gap
 
 
-def describe(values: Mapping[str, float], units: System, sign: str = "=") -> str:
+def describe(values: Mapping[str, float], system: System, sign: str = "=") -> str:
     """Parameters in words: "v₀ = 30 m/s, m = 37 µg"."""
     return ", ".join(
-        f"{QUANTITIES[name].symbol} {sign} {QUANTITIES[name].in_words(value, units)}" for name, value in values.items()
+        f"{QUANTITIES[name].symbol} {sign} {QUANTITIES[name].in_words(value, system)}" for name, value in values.items()
     )

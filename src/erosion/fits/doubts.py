@@ -16,7 +16,7 @@ from erosion.impacts import finding_of_turned
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import sentences
 from erosion.parameters.per_mass import far_from_tests
-from erosion.parameters.quantities import conversion_factor
+from erosion.parameters.quantities import InSI
 from erosion.results import Finding, found
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def remedy(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noi
             numbers = {"parameters": names, "alpha": _ANGLES[np.argmax(differs)]}
             if speed is None:
                 return Finding("fix_parameter_or_measure", about, numbers)
-            numbers["condition"] = describe({"v0": speed}, squares.data.units)
+            numbers["condition"] = describe({"v0": speed}, squares.data.shown_in)
             return Finding("fix_parameter_or_measure_at", about, numbers)
     return Finding("fix_parameter", about, {"parameters": names})
 
@@ -160,14 +160,12 @@ def doubts(fit: "Calibration") -> tuple[Finding, ...]:
 
 def _far_from_tests(fit: "Calibration") -> list[Finding]:
     """Rows of another order than all tests, where the density is known: those of a whole test often."""
-    data, p, density = fit.data, fit.p.to("si"), fit.problem.density
+    data, p, density = fit.data, fit.p, fit.problem.density
     if density is None or data.free_scale:
         return []
-    density *= conversion_factor("density", data.units, "si")
-    mass = p.m if data.mass is None else data.mass * conversion_factor("mass", data.units, "si")
-    speed = p.v0 if data.speed is None else data.speed * conversion_factor("speed", data.units, "si")
-    removed = data.erosion * conversion_factor(data.dimension, data.units, "si")
-    removed = removed / (density if data.needs_density else 1.0) / (1.0 if data.per_mass else mass)
+    mass = p.m if data.mass is None else data.mass
+    speed = p.v0 if data.speed is None else data.speed
+    removed = data.erosion / (density if data.needs_density else 1.0) / (1.0 if data.per_mass else mass)
     far = far_from_tests(removed, speed, density, _ANOTHER_ORDER)
     if far is None:
         return []
@@ -184,7 +182,7 @@ def _of_speed(fit: "Calibration", lacking: float) -> tuple[Finding, ...]:
     """
     data, problem, groups = fit.data, fit.problem, conditions(fit.data)
     speeds = data.varied["v0"]
-    sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
+    sums = [float(fit.curve(data.angle, InSI(v0=speed))[0].sum()) for speed in (speeds.min(), speeds.max())]
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
     held = [name for name in problem.own_thresholds if lacking > 0 and name not in fit.names]

@@ -30,7 +30,7 @@ class ErrorModel:
         erosion.ErrorModel(0.3e-6, 0.08).deviation(100e-6)  # of 0.3 mg/kg + 8 % in SI
 
     Args:
-        absolute: a ≥ 0 [of the erosion].
+        absolute: a ≥ 0 [of the erosion, SI].
         relative: b ≥ 0, a share.
         common: c ≥ 0, a share by which all rows of one speed are off together. Alone it leaves a row's own error to a
             column, or to be found.
@@ -56,13 +56,12 @@ class ErrorModel:
         return self.absolute > 0 or self.relative > 0
 
     @classmethod
-    def read(cls, text: str, dimension: Dimension, units: System) -> "ErrorModel":
+    def read(cls, text: str, dimension: Dimension) -> "ErrorModel":
         """Read a text such as "0.3 mg/kg + 8 % + 5 % of each speed"; its parts stand in any order; any may be missing.
 
         Args:
             text: the parts.
             dimension: of the erosion.
-            units: of the result.
 
         Raises:
             ValueError: The text is no sum of an amount and shares; a clause that starts with "must".
@@ -74,7 +73,7 @@ class ErrorModel:
             if not share and "%" in part:
                 raise UnitError(f"must be a sum of parts such as {_EXAMPLE}, but is {briefly(text)}")
             name = "absolute" if not share else "common" if share[2] else "relative"
-            size = read_quantity(share[1], "1", units) / 100 if share else read_removal(part, dimension, units)
+            size = read_quantity(share[1], "1") / 100 if share else read_removal(part, dimension)
             bare = not share and dimension != "1" and not has_unit(part)
             if bare or parts[name] or not (np.isfinite(size) and size > 0):
                 raise UnitError(
@@ -100,9 +99,9 @@ class ErrorModel:
         """One standard deviation of a row's own error at an erosion, of its shape."""
         return np.hypot(self.absolute, self.relative * np.asarray(erosion))
 
-    def in_words(self, dimension: Dimension, units: System) -> str:
-        """The parts as `read` takes them: "0.3 mg/kg + 8 %"."""
-        scale = table_scale(dimension, units, self.absolute)
+    def in_words(self, dimension: Dimension, system: System) -> str:
+        """The parts as `read` takes them: "0.3 mg/kg + 8 %", in units of a system."""
+        scale = table_scale(dimension, system, self.absolute)
         return " + ".join(sentences(
             (self.absolute > 0, scale.beside(f"{self.absolute / scale.size:.4g}")),
             (self.relative > 0, f"{100 * self.relative:.4g} %"),

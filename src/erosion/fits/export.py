@@ -11,6 +11,7 @@ from erosion.arguments import refuse
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
 from erosion.cfd.exports import ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
+from erosion.fits.fit_files import with_unit
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest
@@ -18,10 +19,10 @@ from erosion.output import seen_from, sentences
 from erosion.parameters import (
     Parameters,
     PerMass,
-    conversion_factor,
     dump_case,
     dump_model,
     dump_per_mass,
+    exact_text,
     toml_string,
     with_paths,
 )
@@ -54,7 +55,7 @@ def to_openfoam(
         p: the case, all scalars; its `alpha` is not used.
         v0: speeds over which the coefficients must hold, shape (n,) [speed]; without it what is lost at half and
             at twice the case's is said.
-        d: diameters over which they must hold, shape (n,) [length].
+        d: diameters over which they must hold, shape (n,) [m], or texts with units.
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
         patches: that erode, for the entry.
@@ -87,9 +88,9 @@ def to_fluent(
         model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
         p: the case, all scalars; its `alpha` is not used.
         points: of the table; each is added where the table's error is greatest.
-        v0: speeds over which the form must hold, shape (n,) [speed]. The exponent is fitted over them; without them
-            from half to twice the case's, and what is lost there is said.
-        d: diameters over which it must hold, shape (n,) [length].
+        v0: speeds over which the form must hold, shape (n,) [m/s], or texts with units. The exponent is fitted
+            over them; without them from half to twice the case's, and what is lost there is said.
+        d: diameters over which it must hold, shape (n,) [m], or texts with units.
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
         density: of the target [kg/m³], for C as a number; a correlation has its own.
@@ -156,8 +157,6 @@ def to_case(
     named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n"
                     for name, value in (("particle", particle), ("target", target)) if value is not None)  # fmt: skip
     density = calibration.problem.density
-    if density is not None:
-        density *= conversion_factor("density", calibration.p.units, "si")
     weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
     said = calibration.findings if findings is None else findings
     advice = _for_advice(calibration, said, path, samples)
@@ -177,7 +176,8 @@ def _model(calibration: Calibration, path: str) -> str:
             f"Argument `calibration` must have a model that a file can name, but {model_name(calibration.model)} was "
             "made in a program: put it into a file (…/model.py), and fit that file's model."
         )
-    own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
+    own = {name: exact_text(float(parameter.value), parameter.quantity.dimension, calibration.p.shown_in)
+           for name, parameter in own_parameters(calibration.model).items()}  # fmt: skip
     return dump_model(_in_file(source, path), own)
 
 
@@ -188,7 +188,7 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
     typed = with_paths(calibration.typed, functools.partial(seen_from, Path(path)))
     said = [of_scale] * calibration.data.free_scale + [finding.text for finding in findings]
     kept = "" if samples is None else seen_from(Path(path), str(samples))
-    equations = plug_in_digest(calibration.model, calibration.p)
+    equations = plug_in_digest(calibration.model)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
@@ -247,8 +247,8 @@ def _origin(calibration: Calibration) -> list[str]:
     return [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
         ", ".join(
-            f"{name} = {calibration.estimates[name]:.6g} {quantity.unit(p.units)}".removesuffix(" 1")
+            f"{name} = {with_unit(calibration.estimates[name], quantity, p.shown_in)}"
             for name, quantity in calibration.quantities.items()
         )
-        + f", at v0 = {float(p.to('si').v0):.6g} m/s",
+        + f", at v0 = {float(p.v0):.6g} m/s",
     ]

@@ -19,7 +19,6 @@ from erosion.fits.fit_files import (
     SOURCE,
     TESTED,
     TIED,
-    own_in_si,
     prediction_groups,
 )
 from erosion.fits.least_squares import Group
@@ -29,12 +28,12 @@ from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FRACTION, OF_ERROR, SCALE, FitProblem
 from erosion.fits.tempering import SamplingError
 from erosion.laws import JointSamples, law_as_typed
-from erosion.models import model_name, model_source
+from erosion.models import model_name, model_source, own_in_words
 from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.quantities import Quantity
-from erosion.results import Finding, Result, ValueGroup, to_attribute
+from erosion.results import Finding, Result, System, ValueGroup, to_attribute
 from erosion.version import __version__
 
 
@@ -54,7 +53,7 @@ class Fit(Result):
     @functools.cached_property
     @abc.abstractmethod
     def samples(self) -> xr.Dataset:
-        """Samples of each parameter, over the dimensions (chain, draw), in the case's units."""
+        """Samples of each parameter, over the dimensions (chain, draw)."""
 
     @functools.cached_property
     @abc.abstractmethod
@@ -72,8 +71,8 @@ class Fit(Result):
 
         A prior that no text names is an empty text.
         """
-        known, units = sampled_quantities(self.problem), self.problem.p.units
-        laws = {name: law_as_typed(law, known[name].dimension, units) for name, law in given_laws(self.problem).items()}
+        known = sampled_quantities(self.problem)
+        laws = {name: law_as_typed(law, known[name].dimension) for name, law in given_laws(self.problem).items()}
         return {**self.data.reading, **({"prior": laws} if laws else {})}
 
     @property
@@ -83,10 +82,14 @@ class Fit(Result):
 
     def of_parameters(self, name: str, numbers: Mapping[str, Any]) -> ValueGroup:
         """Numbers of parameters, such as estimates or intervals, which JSON and files have by name."""
-        units = self.problem.p.units
         return ValueGroup(
-            name, [self.quantities[of].declare(of, number, units) for of, number in numbers.items()], only="data"
+            name, [self.quantities[of].declare(of, number) for of, number in numbers.items()], only="data"
         )
+
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.problem.p.shown_in
 
     @property
     def erosion_unit(self) -> str:
@@ -109,7 +112,7 @@ class Fit(Result):
 
         It has the parameters of an impact, and "cutting_fraction" if that was fitted: a map takes it, a stream does
         not. "scale" and the errors belong to the measurements and are left out, and so is what is tied to the scale.
-        Values are in the units of the case, which the case that takes them must have, too.
+        Values are in SI.
 
         Raises:
             SamplingError: where no such parameter is left, or impacts fail all over the bounds.
@@ -119,12 +122,12 @@ class Fit(Result):
             raise SamplingError("The fit has no samples: it decides no parameter of an impact.")
         columns = {name: self.samples[name].values for name in names}
         tested = self.problem.tested.ranges
-        return JointSamples(columns, f"the fit to {self.data.source}", self.problem.p.units, tested=tested)
+        return JointSamples(columns, f"the fit to {self.data.source}", tested=tested)
 
     def dataset(self, values: Mapping[str, Any]) -> xr.Dataset:
         """Samples by name, of the shape (chains, draws), with their units."""
         known, (chains, draws) = sampled_quantities(self.problem), next(iter(values.values())).shape
-        columns = {name: (("chain", "draw"), column, known[name].attributes(self.problem.p.units))
+        columns = {name: (("chain", "draw"), column, known[name].attributes())
                    for name, column in values.items()}  # fmt: skip
         return xr.Dataset(columns, {"chain": range(chains), "draw": range(draws)})
 
@@ -138,10 +141,10 @@ class Fit(Result):
             "inference_library_version": __version__,
             "model": model_name(problem.model),
             SOURCE: model_source(problem.model) or "",
-            EQUATIONS: plug_in_digest(problem.model, problem.p),
+            EQUATIONS: plug_in_digest(problem.model),
             "case": dump_case(problem.p),
-            "unit_system": problem.p.units,
-            "own_parameters": own_in_si(problem.model, problem.p, problem.names),
+            "unit_system": problem.p.shown_in,
+            "own_parameters": own_in_words(problem.model, but=problem.names, system="si"),
             **fraction,
             "data": self.data.source,
             "seed": self.predictor.seed,
@@ -158,15 +161,15 @@ class Fit(Result):
     def to_datatree(self) -> xr.DataTree:
         """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
         # The rows as predictions read them: a robust loss has errors of its own.
-        data, known, units = self.predictor.data, sampled_quantities(self.problem), self.problem.p.units
-        observed: dict[str, Any] = {"erosion": ("row", data.erosion, data.quantity.attributes(units))}
+        data, known = self.predictor.data, sampled_quantities(self.problem)
+        observed: dict[str, Any] = {"erosion": ("row", data.erosion, data.quantity.attributes())}
         if data.uncertainty is not None:
             observed["uncertainty"] = ("row", data.uncertainty, {"units": data.erosion_unit})
         if data.speeds is not None:
             observed["speeds"] = ("row", data.speeds, {"long_name": "which speed's error it shares"})
         if data.parts is not None:
             observed["parts"] = (("row", "part"), data.parts, {"long_name": "absolute and relative part"})
-        constant = {name: ("row", values, known[name].attributes(units)) for name, values in data.conditions.items()}
+        constant = {name: ("row", values, known[name].attributes()) for name, values in data.conditions.items()}
         if data.lines is not None:
             constant[LINE] = ("row", data.lines, {"long_name": f"line of {data.source}"})
         groups = {

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from erosion.fits.prediction import Predictor, predictor_of
 from erosion.fits.problem import FACTORS, FRACTION, OF_ERROR, SCALE, FitProblem
 from erosion.laws import JointSamples
 from erosion.models import CuttingModel, load_model, model_name
-from erosion.models.base import converted, own_in_words, own_parameters
+from erosion.models.base import own_in_words, own_parameters
 from erosion.models.equations import plug_in_digest
 from erosion.output import beside, require_finite
 from erosion.parameters import (
@@ -27,8 +27,6 @@ from erosion.parameters import (
     Quantity,
     System,
     Tested,
-    check_system,
-    conversion_factor,
     parse_case,
     with_paths,
 )
@@ -91,15 +89,14 @@ class Draws:
 
     def otherwise(self, p: Parameters) -> dict[str, str]:
         """What the case of the fit has otherwise than `p`, as options take it; not what was sampled."""
-        there = self.p.to(p.units)
-        numbers = [(name, float(getattr(there, name)), float(getattr(p, name)))
+        numbers = [(name, float(getattr(self.p, name)), float(getattr(p, name)))
                    for name in QUANTITIES if name not in (*self.rows.columns, "alpha")]  # fmt: skip
-        return {name: f"{before:.9g} {QUANTITIES[name].unit(p.units)}".removesuffix(" 1")
+        return {name: with_unit(before, QUANTITIES[name], p.shown_in, 9)
                 for name, before, now in numbers if not np.isclose(before, now, rtol=1e-6, atol=0)}  # fmt: skip
 
     def require_same_equations(self, model: CuttingModel) -> None:
         """A `ValueError` where a plug-in computes something else than when the draws were made."""
-        _require_same_equations(self.path, self.equations, model, self.p)
+        _require_same_equations(self.path, self.equations, model)
 
     def of_fit(self) -> list[Finding]:
         """Findings of the fit, with the name of this file."""
@@ -109,52 +106,47 @@ class Draws:
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
         """Findings on what an impact has otherwise than the fit and its tests."""
-        there, here = self.p.to(p.units), own_in_si(model, p, self.rows.columns)
+        here = own_in_words(model, but=self.rows.columns, system="si")
         share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
-        numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
+        numbers = [(QUANTITIES[name], float(getattr(self.p, name)), float(getattr(p, name)))
                    for name in _OF_METAL if name not in self.rows.columns]  # fmt: skip
         path = str(self.path)
 
         def otherwise(quantity: Quantity, *values: float) -> Finding:
-            before, now = (_with_unit(value, quantity, p.units) for value in values)
+            before, now = (with_unit(value, quantity, p.shown_in) for value in values)
             return Finding("draws_of_other_metal", path, {"symbol": quantity.symbol, "before": before, "now": now})
 
         doubts = found(
             (not self.converged, Finding("not_converged", path)),
-            *((not np.isclose(before, now, rtol=1e-6), otherwise(quantity, before, now))
+            *((not np.isclose(before, now, rtol=1e-6, atol=0), otherwise(quantity, before, now))
               for quantity, before, now in numbers),
             (self.own != here, Finding("draws_of_other_model", path, {"before": self.own, "now": here})),
             (self.has_scale, Finding("draws_without_size", path)),
             (not np.isclose(share, cutting_fraction),
              Finding("draws_of_other_fraction", path, {"before": share, "now": cutting_fraction})),
         )  # fmt: skip
-        outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units, path)
+        outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, path)
         return [*doubts, *outside]
 
 
-def _require_same_equations(path: Path, equations: str, model: CuttingModel, p: Parameters) -> None:
-    if plug_in_digest(model, p) != equations:
+def _require_same_equations(path: Path, equations: str, model: CuttingModel) -> None:
+    if plug_in_digest(model) != equations:
         raise ValueError(
             f"{path}: has draws of {model_name(model)} as it was, but its equations have changed since; draw again."
         )
 
 
-def _with_unit(value: float, quantity: Quantity, units: System) -> str:
-    return f"{value:.6g} {quantity.unit(units)}".removesuffix(" 1")
+def with_unit(value: float, quantity: Quantity, system: System, digits: int = 6) -> str:
+    """A number [SI] in the unit of a system, as options take it: "4400 in/s"."""
+    return f"{value / quantity.size(system):.{digits}g} {quantity.unit(system)}".removesuffix(" 1")
 
 
-def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> str:
-    """The own parameters that were not sampled, in words that do not depend on the case's units."""
-    return own_in_words(converted(model, p, "si")[0], but=sampled, units="si")
-
-
-def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:
+def read_draws(path: str | Path, quantities: Mapping[str, Quantity]) -> Draws:
     """Read what `Fit.save` or `erosion posterior -o` has written.
 
     Args:
         path: of the file (.nc).
         quantities: the parameters of the model that is to take them, see `erosion.models.quantities`.
-        units: of the result.
 
     Raises:
         ValueError: for a file that is something else, or has parameters that the model has not.
@@ -162,19 +154,18 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     path = check_path("path", path)
     dataset = _opened(path)
     attrs = dataset.attrs
-    before = check_system(attrs["unit_system"])
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
     # The noise and the scale are of the measurements, not of an impact, and so is what the scale decides.
     of_tests = [*OF_ERROR, SCALE, *_kept(attrs, TIED, [])]
     for name in map(str, dataset.drop_vars(of_tests, errors="ignore").data_vars):
         values = dataset[name]
-        if name not in known or values.attrs.get("units") != known[name].unit(before):
+        if name not in known or values.attrs.get("units") != known[name].unit("si"):
             raise ValueError(
                 f"{path}: has draws of {name} [{values.attrs.get('units', '?')}] for {attrs['model']}, which is not a "
                 f"parameter here; they are {', '.join(quantities)}."
             )
-        columns[name] = values.values * conversion_factor(known[name].dimension, before, units)
+        columns[name] = values.values
         if not columns[name].size or not np.isfinite(columns[name]).all():
             raise ValueError(f"{path}: must have finite draws of {name}, one or more, but has not.")
     if not columns:
@@ -243,7 +234,7 @@ def read_predictor(path: str | Path) -> Predictor:
     path = check_path("path", path)
     attrs = _opened(path).attrs
     model, p = load_model(model_of_draws(path)), parse_case(attrs["case"])
-    _require_same_equations(path, attrs.get(EQUATIONS, ""), model, p)
+    _require_same_equations(path, attrs.get(EQUATIONS, ""), model)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         if _PREDICTION not in tree.children:
             raise ValueError(f"{path}: has draws without predictions.")
@@ -253,7 +244,8 @@ def read_predictor(path: str | Path) -> Predictor:
         error = about.get("error")
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
-            columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
+            columns.get("m"), p.shown_in, attrs["data"],
+            error=None if error is None else ErrorModel(*map(float, error)),
             parts=columns.get("parts"), speeds=columns.get("speeds"), lines=columns.get(LINE),
             unit=str(about.get("unit", "")),
         )  # fmt: skip

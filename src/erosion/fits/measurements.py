@@ -27,13 +27,13 @@ from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
     RESULTS,
     Dimension,
+    InSI,
     Quantity,
     Scale,
     System,
     about,
     ascii_unit,
     check_system,
-    conversion_factor,
     has_unit,
     known_scales,
     read_quantity,
@@ -63,13 +63,13 @@ class Measurements:
 
     Args:
         angle: α [rad].
-        erosion: the removal per impact or per mass of particles, as `dimension` says.
+        erosion: the removal per impact or per mass of particles [SI], as `dimension` says.
         dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
             its own, known up to a factor.
         uncertainty: one standard deviation of each `erosion`, or None where unknown; see `weighed`.
-        speed: impact speed of each row [speed]; None for the case's.
-        mass: mass of each particle [mass]; None for the case's.
-        units: the unit system of all of these.
+        speed: impact speed of each row [m/s]; None for the case's.
+        mass: mass of each particle [kg]; None for the case's.
+        shown_in: the unit system that shows them.
         source: the file's name, for titles.
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
@@ -90,7 +90,7 @@ class Measurements:
     uncertainty: np.ndarray | None
     speed: np.ndarray | None
     mass: np.ndarray | None
-    units: System
+    shown_in: System
     source: str
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
@@ -118,14 +118,14 @@ class Measurements:
     @property
     def erosion_unit(self) -> str:
         """The unit of `erosion`, as programs read it."""
-        return ascii_unit(unit_name(self.dimension, self.units))
+        return ascii_unit(unit_name(self.dimension, "si"))
 
     @functools.cached_property
     def scale(self) -> Scale:
         """The unit of erosion in tables and figures, the table's own or one in which its numbers read well."""
         if self.unit:
-            return scale_of(self.unit, self.dimension, self.units)
-        return table_scale(self.dimension, self.units, largest_of(self.erosion))
+            return scale_of(self.unit, self.dimension)
+        return table_scale(self.dimension, self.shown_in, largest_of(self.erosion))
 
     def in_words(self, erosion: float) -> str:
         """An erosion in the unit of the table: "240 mg/kg"."""
@@ -133,9 +133,9 @@ class Measurements:
 
     def scale_of(self, size: float) -> Scale:
         """The table's own unit where it is one of the case's system, else one in which a size reads well."""
-        units = {scale.unit for scale in known_scales(self.dimension, self.units)}
+        units = {scale.unit for scale in known_scales(self.dimension, self.shown_in)}
         is_own = bool(self.unit) and self.scale.unit in units
-        return self.scale if is_own else table_scale(self.dimension, self.units, size)
+        return self.scale if is_own else table_scale(self.dimension, self.shown_in, size)
 
     def in_unit(self, unit: str) -> "Measurements":
         """Return the rows with a unit such as "g/kg", in which tables and figures show their erosion.
@@ -146,7 +146,7 @@ class Measurements:
         unit = unit.strip()
         if not unit or unit[0].isdigit():
             raise ValueError(f"must be a unit, without a number, but is {briefly(unit)}")
-        scale_of(unit, self.dimension, self.units)
+        scale_of(unit, self.dimension)
         return dataclasses.replace(self, unit=unit)
 
     @property
@@ -242,12 +242,12 @@ class Measurements:
         given = error
         if isinstance(error, str):
             with about("Argument `error`", MeasurementError):
-                error = ErrorModel.read(error, self.dimension, self.units)
+                error = ErrorModel.read(error, self.dimension)
         if not isinstance(error, ErrorModel):
             error = ErrorModel(error)
         said = self._declared(error)
         is_as_given = isinstance(given, str) and said == error
-        reading = {**self.reading, "error": given if is_as_given else said.in_words(self.dimension, self.units)}
+        reading = {**self.reading, "error": given if is_as_given else said.in_words(self.dimension, self.shown_in)}
         if self.uncertainty is not None and error.has_own:
             raise MeasurementError(
                 f"Argument `error` must be left out, but for that of each speed: {self.source} has a column of "
@@ -271,7 +271,7 @@ class Measurements:
         """An error with the part of the one before it that it leaves: that of the rows, or that of each speed."""
         if "error" not in self.reading:
             return error
-        before = ErrorModel.read(self.reading["error"], self.dimension, self.units)
+        before = ErrorModel.read(self.reading["error"], self.dimension)
         return dataclasses.replace(error if error.has_own else before, common=error.common or before.common)
 
     def weighed(self, expected: np.ndarray | None = None, scatter: Any = None) -> "Measurements":
@@ -351,7 +351,7 @@ class Measurements:
     def has_tests_of(self, other: "Measurements") -> bool:
         """Whether both have the same erosion at the same conditions, whatever its errors are."""
         of_each = [{"erosion": data.erosion, **data.conditions} for data in (self, other)]
-        is_alike = (self.dimension, self.units) == (other.dimension, other.units) and len({*map(tuple, of_each)}) == 1
+        is_alike = self.dimension == other.dimension and len({*map(tuple, of_each)}) == 1
         return is_alike and all(np.array_equal(column, of_each[1][name]) for name, column in of_each[0].items())
 
     def of_rows(self, rows: np.ndarray) -> "Measurements":
@@ -363,7 +363,7 @@ class Measurements:
 
 def read_measurements(
     data: Any,
-    units: str,
+    shown_in: str = "si",
     *,
     ignore: Sequence[str] = (),
     error: ErrorModel | float | str | None = None,
@@ -382,9 +382,9 @@ def read_measurements(
             mass of particles ([mm^3/g], [mg/g]), or amounts ([mm^3], [mg]) with `per`; `erosion [-]` is known up to a
             factor.
             A column of another name that may be one of these is refused; `unused` of the result names all others.
-        units: the unit system to convert to.
+        shown_in: the unit system that shows them; the numbers are in SI.
         ignore: columns that are left out, by their names: ("v_gas",).
-        error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system; and of
+        error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in SI; and of
             any "5 % of each speed", by which all rows of a speed are off together.
         per: what removes an amount such as [mg]: "impact", or the mass of abrasive of each row, such as "100 g".
         columns: units of columns that carry none, and meanings of those whose names are not understood: "v=m/s,
@@ -395,18 +395,15 @@ def read_measurements(
     Raises:
         MeasurementError: one sentence with the table, the row and the column.
     """
-    system = check_system(units)
+    system = check_system(shown_in, "shown_in")
     if isinstance(data, Measurements):
-        if data.units != system:
-            raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
         if per is not None:
             raise MeasurementError("Argument `per` must be left out for `Measurements`, which say what removes them.")
-        return data.with_error(error)
+        return (data if data.shown_in == system else dataclasses.replace(data, shown_in=system)).with_error(error)
     try:
         table = open_table(
-            data, KNOWN, columns=read_meanings(columns), ignore=ignore, sep=sep, decimal=decimal, units=system,
-            refused=REFUSED,
-        )  # fmt: skip
+            data, KNOWN, columns=read_meanings(columns), ignore=ignore, sep=sep, decimal=decimal, refused=REFUSED
+        )
         measured = _measurements(table, removal_of(table), system, per)
     except TableError as problem:
         raise MeasurementError(str(problem)) from problem
@@ -443,11 +440,11 @@ def _measurements(table: Table, removal: str, system: System, per: str | None) -
     Args:
         table: that is understood.
         removal: its column of erosion.
-        system: the unit system of its numbers.
+        system: that shows them.
         per: see `read_measurements`.
     """
     columns, numbers = table.columns, table.numbers
-    dimension, unit, abrasive = _removed_by(table, columns[removal], system, per)
+    dimension, unit, abrasive = _removed_by(table, columns[removal], per)
     if not numbers["angle"].size:
         raise TableError(f"{table.title} has no rows of data.")
     missing = np.isnan(np.stack([*numbers.values()]))
@@ -457,13 +454,12 @@ def _measurements(table: Table, removal: str, system: System, per: str | None) -
     notes = (*table.source.notes, *_left_out(missing, table))
     rows = np.flatnonzero(kept)
     arrays: dict[str, Any] = {name: values[rows] for name, values in numbers.items()}
-    greatest = _HEAVIEST * conversion_factor("mass", "si", system)
     for name, values in arrays.items():
         good, must = np.isfinite(values), "must be a finite number"
         if name == "angle":
             good, must = are_angles(values), "must be above 0° and at most 90°"
         elif name == "mass":
-            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one particle, at most 20 g"
+            good, must = good & (values > 0) & (values <= _HEAVIEST), "must be the mass of one particle, at most 20 g"
         elif name != removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):
@@ -485,7 +481,7 @@ def _measurements(table: Table, removal: str, system: System, per: str | None) -
         erosion=arrays[removal],
         dimension=dimension,
         **conditions,
-        units=system,
+        shown_in=system,
         source=table.title,
         unused=table.unused,
         lines=table.lines(rows),
@@ -498,8 +494,8 @@ _PER_MASS: Mapping[Dimension, Dimension] = {"volume": "volume per mass", "mass":
 _OF_IMPACT = re.compile(r"([^\W\d][^\s*/()]*)(?:\s*/\s*|\s+per\s+)impacts?")  # "mm^3/impact", and of that mm^3
 
 
-def _removed_by(table: Table, column: Column, system: System, per: str | None) -> tuple[Dimension, str, float]:
-    """Dimension and unit of the erosion of a column, and the mass of abrasive [mass] that it is divided by; 1 without.
+def _removed_by(table: Table, column: Column, per: str | None) -> tuple[Dimension, str, float]:
+    """Dimension and unit of the erosion of a column, and the mass of abrasive [kg] that it is divided by; 1 without.
 
     Raises:
         TableError: for an amount of which neither the heading nor `per` says what removes it.
@@ -530,7 +526,7 @@ def _removed_by(table: Table, column: Column, system: System, per: str | None) -
     with about("Argument `per`", TableError):
         if not has_unit(per):
             raise ValueError(f"{must}, but is {briefly(per)}")
-        abrasive = read_quantity(per, "mass", system)
+        abrasive = read_quantity(per, "mass")
         if not 0 < abrasive < np.inf:
             raise ValueError(f"must be positive and finite, but is {briefly(per)}")
     return _PER_MASS[column.dimension], "", abrasive
@@ -560,7 +556,7 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
     """
     varied = data.varied
     if not varied:
-        return [Condition(np.arange(len(data)), {}, "")]
+        return [Condition(np.arange(len(data)), InSI(), "")]
     count = int(data.groups.max()) + 1
     # The value itself where all rows have it: a mean would round.
     medians = [_medians(varied, np.flatnonzero(data.groups == group)) for group in range(count)]
@@ -573,10 +569,10 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
     middles = [_medians(varied, rows) for rows in parts]
     varying = [name for name in varied if len({middle[name] for middle in middles}) > 1] or list(varied)
     return [
-        Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
+        Condition(rows, middle, describe({name: middle[name] for name in varying}, data.shown_in, sign))
         for rows, middle in zip(parts, middles, strict=True)
     ]
 
 
-def _medians(columns: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
-    return {name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in columns.items()}
+def _medians(columns: Mapping[str, np.ndarray], rows: np.ndarray) -> InSI:
+    return InSI({name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in columns.items()})

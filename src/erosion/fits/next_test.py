@@ -16,8 +16,8 @@ from erosion.fits.measurements import Measurements
 from erosion.fits.ranking import rank
 from erosion.models import model_name
 from erosion.output import briefly, sentences
-from erosion.parameters import QUANTITIES, array_of
-from erosion.results import Columns, Declared, Result, Scale, Value, ValueGroup
+from erosion.parameters import QUANTITIES, InSI, Quantity, array_of, in_si
+from erosion.results import Columns, Declared, Result, Scale, System, Value, ValueGroup
 
 _DRAWS = 2000
 _PLACES = np.linspace(-4.0, 4.0, 33)  # of a row about its mean, in standard deviations, by which cells are chosen
@@ -36,11 +36,12 @@ class NextTest(Result):
         prediction: the share by which the interval of the prediction becomes narrower; NaN where it is not known.
         parameters: the same of the parameters' intervals, the mean over parameters and models.
         discrimination: about which model is right [bit]; zeros for one model.
-        noise: standard deviation of the row that was assumed, the mean over draws by their weights [of the data].
+        noise: standard deviation of the row that was assumed, the mean over draws by their weights [SI].
         asked: the prediction's condition, by parameter.
         half_width: of the prediction's 95 % interval before the row, over its mean.
         names: the models.
-        units: of the case.
+        measured: the erosion of the rows.
+        shown_in: the unit system that shows the numbers.
     """
 
     lines = ("candidates",)
@@ -53,7 +54,8 @@ class NextTest(Result):
     asked: Mapping[str, float]
     half_width: float
     names: tuple[str, ...]
-    units: Any
+    measured: Quantity
+    shown_in: System = "si"
 
     @functools.cached_property
     def order(self) -> np.ndarray:
@@ -62,7 +64,7 @@ class NextTest(Result):
 
     @property
     def best(self) -> dict[str, float]:
-        """The candidate that narrows the prediction most, in the units of the case; empty if none is judged."""
+        """The candidate that narrows the prediction most; empty if none is judged."""
         return self._greatest(self.prediction)
 
     @property
@@ -118,7 +120,7 @@ class NextTest(Result):
 
     def condition_in_words(self, name: str, value: float) -> str:
         """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
-        words = QUANTITIES[name].in_words(value, self.units)
+        words = QUANTITIES[name].in_words(value, self.shown_in)
         return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
 
     def _greatest(self, gains: np.ndarray) -> dict[str, float]:
@@ -145,7 +147,7 @@ class NextTest(Result):
             *(Value(name, getattr(self, name), symbol, **percent) for name, symbol in words.items()),
             Value("discrimination", self.discrimination, "about the model", unit="bit", scale=Scale(1.0, "bit"),
                   digits=3, only="data" if is_one else ""),
-            Value("noise", self.noise, only="data"),
+            Value("noise", self.noise, only="data", measure=self.measured),
         ]  # fmt: skip
         tested = [column.but(value=np.asarray(column.value)[best]) for column in columns if column.only != "data"]
         chosen = {"asked": self.asked, "best": self.best, "best_for_parameters": self.best_for_parameters}
@@ -164,14 +166,14 @@ class NextTest(Result):
         return (self.sentence,)
 
     def _declared(self, name: str, values: Any) -> Value:
-        return QUANTITIES[name].declare(name, values, self.units, digits=4)
+        return QUANTITIES[name].declare(name, values, digits=4)
 
 
 def next_test(
     source: Fit | Sequence[Fit],
     candidates: Mapping[str, Any] | None = None,
     *,
-    for_prediction: Mapping[str, float] | None = None,
+    for_prediction: Mapping[str, Any] | None = None,
     noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
 ) -> NextTest:
@@ -186,10 +188,11 @@ def next_test(
     Args:
         source: a fit, or fits of several models, of which those that are ranked count by their weights (see `rank`).
         candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
-            broadcast; without it angles from the least to the greatest of the data, at the condition of most rows.
-        for_prediction: the condition that is asked for, such as {"alpha": 0.5, "v0": 60.0}; without an angle that of
-            the greatest erosion among the tested ones, and else the condition of most rows.
-        noise: error of the row, a standard deviation [of the data], one for each candidate, or an `ErrorModel`; without
+            broadcast, or texts, read as `Parameters.replace` reads them; without it angles from the least to the
+            greatest of the data, at the condition of most rows.
+        for_prediction: the condition that is asked for, such as {"alpha": 0.5, "v0": "60 m/s"}; without an angle
+            that of the greatest erosion among the tested ones, and else the condition of most rows.
+        noise: error of the row, a standard deviation [SI], one for each candidate, or an `ErrorModel`; without
             it that of the data at the erosion that is expected, or the sampled one.
         draws: of each fit.
 
@@ -239,7 +242,8 @@ def next_test(
         {name: float(values) for name, values in target.items()},
         _WIDTHS * deviation / abs(middle) if middle else np.nan,
         tuple(model_name(fit.problem.model) for fit in fits),
-        next(fit.problem.p.units for fit in fits),
+        next(fit.data.quantity for fit in fits),
+        next(fit.problem.p.shown_in for fit in fits),
     )
 
 
@@ -268,7 +272,7 @@ class _Drawn:
         both = {name: np.append(values, target[name]) for name, values in conditions.items()}
         if isinstance(noise, np.ndarray) and noise.ndim:
             noise = np.append(np.broadcast_to(noise, conditions["alpha"].shape), np.nan)
-        at = {name: values for name, values in both.items() if name != "alpha"}
+        at = InSI({name: values for name, values in both.items() if name != "alpha"})
         means, errors = predictor.with_errors(both["alpha"], at, draws, noise=True if noise is None else noise)
         chosen = [values for _, values in predictor.chosen(draws) if len(next(iter(values.values())))]
         thetas = np.stack([
@@ -341,10 +345,11 @@ def tested_degrees(data: Measurements) -> np.ndarray:
 
 
 def _conditions(
-    fits: Sequence[Fit], candidates: Mapping[str, Any] | None, asked: Mapping[str, float]
+    fits: Sequence[Fit], candidates: Mapping[str, Any] | None, asked: Mapping[str, Any]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """The candidates, flat, and the condition of the prediction, with the same parameters."""
-    fit, others = fits[0], {} if candidates is None else dict(candidates)
+    fit, shown_in = fits[0], fits[0].problem.p.shown_in
+    others = InSI(in_si(candidates, QUANTITIES, shown_in))
     if candidates is None:
         others["alpha"] = np.deg2rad(tested_degrees(fit.data))
     if "alpha" not in others:
@@ -353,11 +358,11 @@ def _conditions(
     usual = {**{name: getattr(fit.problem.p, name) for name in sorted(named)}, **fit.data.usual}
     alpha = others.pop("alpha")
     checked, *_ = [each.problem.conditions(alpha, others, usual) for each in fits]
-    given = dict(asked)
+    given = InSI(in_si(asked, QUANTITIES, shown_in))
     at = given.pop("alpha", None)
     if at is None:
         tested = np.deg2rad(tested_degrees(fit.data))
-        curves = fit.predictor.draw(tested, {**usual, **given})
+        curves = fit.predictor.draw(tested, InSI({**usual, **given}))
         works = np.isfinite(curves).any(axis=0)
         if not works.any():
             raise ValueError("Argument `for_prediction` must give an angle, because no tested one has a prediction.")

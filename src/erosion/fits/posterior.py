@@ -96,7 +96,7 @@ class Posterior(Fit):
 
     @functools.cached_property
     def samples(self) -> xr.Dataset:
-        """The draws of each parameter, over the dimensions (chain, draw), in the case's units.
+        """The draws of each parameter, over the dimensions (chain, draw).
 
         Chains are populations that know nothing of each other. Within one, copies of a draw stand side by side.
         """
@@ -301,13 +301,13 @@ class Posterior(Fit):
             Value("draws", chains * count, only="data"),
             Value("chains", chains, only="data"),
             Value("seed", self.seed, only="data"),
-            Value("erosion_unit", self.erosion_unit, only="data"),
+            Value("erosion_unit", self.data.quantity.unit(self.shown_in), only="data"),
         ]  # fmt: skip
 
     def _row(self, name: str) -> Value:
         """A parameter in tables, in the unit in which it reads well."""
         quantity = self.quantities[name]
-        scale = table_scale(quantity.dimension, self.p.units, abs(self.means[name]))
+        scale = table_scale(quantity.dimension, self.p.shown_in, abs(self.means[name]))
         mean, deviation = self.means[name] / scale.size, self.deviations[name] / scale.size
         low, high = (end / scale.size for end in self.intervals(self.level)[name])
         prior = f"prior: {self.prior_in_words(name)}"
@@ -330,7 +330,7 @@ class Posterior(Fit):
         return f"{name} = {row.scale.beside(row.value)}"
 
     def _law_in_words(self, name: str) -> str:
-        return law_in_words(self.priors.laws[name], self.quantities[name].dimension, self.p.units)
+        return law_in_words(self.priors.laws[name], self.quantities[name].dimension, self.p.shown_in)
 
     def prior_in_words(self, name: str) -> str:
         """The law of a parameter before the data, and whether it is the default."""

@@ -19,14 +19,14 @@ from erosion.parameters import (
     QUANTITIES,
     RESULTS,
     Dimension,
+    InSI,
     Scale,
     ascii_unit,
     declare_result,
     known_scales,
     table_scale,
-    unit_name,
 )
-from erosion.results import Columns, Declared, Finding, Result, Value, ValueGroup, found
+from erosion.results import Columns, Declared, Finding, Result, System, Value, ValueGroup, found
 
 _DRAWS = 2000  # the ends of an interval are known to some percents of its width
 _TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power
@@ -45,7 +45,7 @@ class Predictions(Result):
 
     Args:
         predictor: what predicts.
-        columns: what is asked, "alpha" and others, and `COMPUTED`; each of shape (n,), in the units of the data.
+        columns: what is asked, "alpha" and others, and `COMPUTED`; each of shape (n,).
         level: of the intervals.
         lost: share of the impacts that could not be computed and are left out.
     """
@@ -62,16 +62,16 @@ class Predictions(Result):
         return self.predictor.data.dimension if name in COMPUTED else QUANTITIES[name].dimension
 
     @property
-    def asked(self) -> dict[str, np.ndarray]:
+    def asked(self) -> InSI:
         """The columns that are asked."""
-        return {name: column for name, column in self.columns.items() if name not in COMPUTED}
+        return InSI({name: column for name, column in self.columns.items() if name not in COMPUTED})
 
     @functools.cached_property
     def _scales(self) -> dict[str, Scale]:
         """The unit in which each column reads well; what is computed has that of the tests."""
         largest = {name: largest_of(part) for name, part in self.columns.items()}
         data = self.predictor.data
-        scales = {name: table_scale(self.dimension(name), data.units, most) for name, most in largest.items()}
+        scales = {name: table_scale(self.dimension(name), data.shown_in, most) for name, most in largest.items()}
         return scales | dict.fromkeys(COMPUTED, data.scale)
 
     @property
@@ -81,13 +81,17 @@ class Predictions(Result):
         name = model_name(self.predictor.problem.model)
         return f"{name}: {data.quantity.meaning} by the fit to {len(data):,} rows of {data.source}"
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.predictor.data.shown_in
+
     def declare(self) -> list[Declared]:
         """A record for each question, and the numbers of the predictor."""
-        units, share, columns = self.predictor.data.units, f"{100 * self.level:g} %", self.columns
-        unit = ascii_unit(unit_name(self.dimension("mean"), units))
+        share, columns = f"{100 * self.level:g} %", self.columns
         scales, largest = self._scales, max(map(largest_of, (columns[name] for name in COMPUTED)))
         digits = max(_DIGITS, int(np.log10(largest / scales["mean"].size or 1.0)) + 1)  # no powers of ten
-        common = {"unit": unit, "scale": scales["mean"], "digits": digits}
+        common = {"measure": self.predictor.data.quantity, "scale": scales["mean"], "digits": digits}
 
         def interval(of: str, words: str) -> Value:
             ends = zip(columns[f"{of}_low"].tolist(), columns[f"{of}_high"].tolist(), strict=True)
@@ -96,7 +100,7 @@ class Predictions(Result):
         return [
             Value("level", self.level, only="data"),
             Columns("predictions", self.title, [
-                *(QUANTITIES[name].declare(name, column, units, scale=scales[name], digits=_DIGITS)
+                *(QUANTITIES[name].declare(name, column, scale=scales[name], digits=_DIGITS)
                   for name, column in self.asked.items()),
                 *(Value(name, columns[name], **common, only="" if name == "mean" else "data") for name in COMPUTED),
                 interval("mean", "the mean"),
@@ -109,7 +113,7 @@ class Predictions(Result):
     def conclusions(self) -> tuple[str, ...]:
         """The meaning of each interval."""
         data, parts = self.predictor.data, ", ".join(self.predictor.parts)
-        known = "" if data.error is None else data.error.in_words(data.dimension, data.units)
+        known = "" if data.error is None else data.error.in_words(data.dimension, data.shown_in)
         found = "the error that the fit found" if data.uncertainty is None else "its error"
         error = f"{found}{', ' * bool(known)}{known}"
         return (f"The interval of the mean holds {parts}; that of a new weighing also {error}.",)
@@ -135,7 +139,7 @@ class Predictions(Result):
         """The columns in units that read well, which the headings name: "mean [mg/kg]"."""
         data, columns = self.predictor.data, dict[str, list[float]]()
         for name, scale in self._scales.items():
-            known = [*known_scales(self.dimension(name), data.units), data.scale][: None if data.unit else -1]
+            known = [*known_scales(self.dimension(name), data.shown_in), data.scale][: None if data.unit else -1]
             size, unit = scale if scale in known else known[0]
             columns[f"{name} [{ascii_unit(unit).replace('°', 'deg')}]"] = (self.columns[name] / size).tolist()
         return to_csv(columns)
@@ -146,15 +150,16 @@ def predict(
 ) -> Predictions:
     """The mean of the erosion at questions, with an interval of the mean and one of a new weighing.
 
-        erosion.predict(fit, np.deg2rad([20.0, 40.0]), {"v0": 60.0})
+        erosion.predict(fit, np.deg2rad([20.0, 40.0]), {"v0": "60 m/s"})
 
     The intervals also hold what the model may lack, see `erosion.fits.prediction`.
 
     Args:
         source: a fit, or its predictor.
         alpha: α [rad], of any shape.
-        at: other parameters of the case, numbers or arrays that broadcast with `alpha`; a speed or a mass that is not
-            given and differs from row to row is that of `Predictor.usual`, and the table has it.
+        at: other parameters of the case, numbers or arrays that broadcast with `alpha`, or texts, read as
+            `Parameters.replace` reads them; a speed or a mass that is not given and differs from row to row is that of
+            `Predictor.usual`, and the table has it.
         level: of the intervals.
     """
     predictor = source if isinstance(source, Predictor) else require_fits("source", [source])[0].predictor
@@ -162,7 +167,7 @@ def predict(
     shares = (1 - check_share("level", level)) / 2, (1 + level) / 2
     parts, lost = [], []
     for start in range(0, len(asked["alpha"]), _TOGETHER):
-        some = {name: column[start : start + _TOGETHER] for name, column in asked.items()}
+        some = InSI({name: column[start : start + _TOGETHER] for name, column in asked.items()})
         means, errors = predictor.with_errors(some.pop("alpha"), some, _DRAWS)
         lost.append(np.isnan(means).mean(axis=0))
         low, high = np.nanquantile(means, shares, axis=0)
@@ -224,19 +229,24 @@ class BestAngles(Result):
         """How many draws."""
         return f"the angle of greatest removal, {len(self.alpha):,} draws"
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.optimum.p.shown_in
+
     def declare(self) -> list[Declared]:
         """Medians and intervals of angle and volume; draw by draw the angles, those of the model alone, the kinds."""
-        units, alone = self.optimum.p.units, "the model alone: "
+        alone = "the model alone: "
         draws: dict[str, Any] = {"dims": ("draw",), "only": "data"}
         volume, angle = np.atleast_1d(self.optimum.volume), QUANTITIES["alpha"]
         middles = [("alpha_max", "alpha_max", f"with {', '.join(self.parts)}: ", self.alpha)]
         middles += [] if self.predicted is None else [("alpha_of_model", "alpha_max", alone, self.of_model)]
         return [
             *(self._median(*middle) for middle in (*middles, ("volume_max", "volume_max", alone, volume))),
-            angle.declare("alpha", self.alpha, units, **draws),
+            angle.declare("alpha", self.alpha, **draws),
             Value("parts", [*self.parts], dims=("part",), only="data"),
-            angle.declare("alpha_of_model", self.of_model, units, **draws),
-            declare_result("volume", volume, units, **draws),
+            angle.declare("alpha_of_model", self.of_model, **draws),
+            declare_result("volume", volume, **draws),
             Value("kind", np.atleast_1d(self.optimum.kind), **draws),
             Value("kinds", [*self.kinds.values()], meaning="of the draws, the model alone", labels=[*self.kinds],
                   scale=Scale(0.01, "%")),
@@ -244,12 +254,12 @@ class BestAngles(Result):
 
     def _median(self, name: str, of: str, what: str, values: np.ndarray) -> Value:
         """The median in tables, with the interval in words."""
-        quantity, units = RESULTS[of], self.optimum.p.units
+        quantity = RESULTS[of]
         low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
-        scale = table_scale(quantity.dimension, units, float(middle))
+        scale = quantity.scale(self.shown_in, float(middle))
         ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
         meaning = f"{what}the median; {ends}"
-        return quantity.declare(name, float(middle), units, scale=scale, digits=4, meaning=meaning, only="table")
+        return quantity.declare(name, float(middle), scale=scale, digits=4, meaning=meaning, only="table")
 
 
 ANGLES = np.deg2rad(np.arange(1.0, 91.0))

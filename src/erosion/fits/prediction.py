@@ -27,8 +27,8 @@ from erosion.fits.tempering import sample
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters
 from erosion.output import first_of, sentences
-from erosion.parameters import conversion_factor
-from erosion.results import Declared, Finding, Result, Scale, Value, found
+from erosion.parameters import InSI
+from erosion.results import Declared, Finding, Result, Scale, System, Value, found
 
 CHAINS = 4
 _DRAWS = 600  # of a hypothesis: 500 independent ones know ends of intervals to 4 % of their width (1 σ)
@@ -95,10 +95,7 @@ class Predictor(Result):
             mass: of a particle [kg], where the tests are of one impact.
         """
         data, density = self.data, self.problem.density
-        factor = conversion_factor(data.dimension, data.units, "si")
-        if data.needs_density:
-            assert density is not None
-            factor /= density * conversion_factor("density", data.units, "si")
+        factor = 1.0 / density if data.needs_density and density is not None else 1.0
         return factor if data.per_mass else factor / mass
 
     @functools.cached_property
@@ -154,14 +151,15 @@ class Predictor(Result):
 
         Args:
             alpha: α [rad], of any shape.
-            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays. Speed and mass
-                without it are those of most rows, or the case's where the data have none.
+            at: other parameters of the case than the sampled ones, such as {"v0": "60 m/s"}, or arrays, read as
+                `Parameters.replace` reads them. Speed and mass without it are those of most rows, or the case's where
+                the data have none.
             count: number of draws.
             noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
-                deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
+                deviation [SI], one for each angle, or an `ErrorModel`. Else the mean of measurements.
 
         Returns:
-            In the unit of the data, draws first and then the shape of `alpha`.
+            In SI, draws first and then the shape of `alpha`.
         """
         if noise is False:
             return self._means(alpha, at, count)[0]
@@ -220,14 +218,14 @@ class Predictor(Result):
         there = {name: column[beyond] for name, column in conditions.items()}
         return last, _some_of(last.values, len(others)), there, np.ix_(others, beyond), share[beyond]
 
-    def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
+    def question(self, alpha: Any, at: Mapping[str, Any] | None) -> InSI:
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `draw`."""
         return self.problem.conditions(alpha, at, self.usual)
 
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[Finding, ...]:
         """How far a question lies outside the tests; arguments as of `draw`."""
         given = {name: getattr(self.problem.p, name) for name in self.problem.tested.ranges}
-        return tuple(self.problem.tested.outside(given | self.question(alpha, at), self.data.units))
+        return tuple(self.problem.tested.outside(given | self.question(alpha, at)))
 
     @property
     def row_errors(self) -> np.ndarray:
@@ -242,6 +240,11 @@ class Predictor(Result):
     def title(self) -> str:
         """The meaning of the intervals of predictions."""
         return f"predictions hold {', '.join(self.parts)}"
+
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.data.shown_in
 
     def declare(self) -> list[Declared]:
         """The probability of each hypothesis, and the exponent of the speed."""
@@ -261,7 +264,7 @@ class Predictor(Result):
     def _missed(self) -> tuple[Finding, ...]:
         """The rows that a new weighing would not give; empty where it would give all."""
         data, few = self.data, self.hypotheses["model"].misfit.plain.problem.data
-        at = dict(few.conditions)
+        at = InSI(few.conditions)
         means, hypotheses = self._means(at.pop("alpha"), at, _SOME)
         own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, hypotheses))
         middle = means.mean(axis=0)

@@ -9,6 +9,7 @@ speed of the data, whatever it starts from.
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from erosion.arguments import as_pair, refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts import Impact, count_turned, impact
-from erosion.laws import SHARE, JointLaw
+from erosion.laws import SHARE, JointLaw, refuse_laws
 from erosion.models import (
     SPEED_EXPONENT,
     CuttingModel,
@@ -43,14 +44,15 @@ from erosion.models.correlated import Correlated, per_mass_of
 from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
+    InSI,
     Parameters,
     PerMass,
     Quantity,
     Tested,
     about,
-    conversion_factor,
     example,
     has_unit,
+    in_si,
     read_quantity,
     validate,
 )
@@ -89,13 +91,15 @@ class FitProblem:
         p: the case: the first guess of the free parameters, and the values of all others.
         data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
         free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
-        bounds: (least, greatest) of free parameters, in the case's units. Between them `posterior` takes all factors of
-            a parameter for alike that is fitted as its logarithm, such as k and ψ (`loguniform`), and all values of any
-            other (`uniform`). See `calibrate` for parameters without bounds.
+        bounds: (least, greatest) of free parameters, read as `p.replace` reads numbers: in SI, or texts with units;
+            beside a case in inch-pound units texts alone, ("100 MPa", "2 GPa"). Between them `posterior` takes all
+            factors of a parameter for alike that is fitted as its logarithm, such as k and ψ (`loguniform`), and all
+            values of any other (`uniform`). See `calibrate` for parameters without bounds.
         priors: for `posterior`, by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may
-            be too small "error_factor", on all of them: a law (`erosion.laws`), in the case's units.
+            be too small "error_factor", on all of them: a law (`erosion.laws`), in SI. Beside a case in inch-pound
+            units, whose numbers they may be, laws of speeds, sizes and stresses are refused: give `p.to("si")`.
             `calibrate`, whose likelihood they do not change, leaves them aside.
-        density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
+        density: of the target, a number [kg/m³] or "2.7 g/cm^3"; needed
             for data of mass loss, but not by a correlation, whose own density counts.
         cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
             volumes are multiplied by it. The first guess where it is free.
@@ -129,7 +133,7 @@ class FitProblem:
         data: Any,
         free: Sequence[str] = FREE,
         *,
-        bounds: Mapping[str, Sequence[float]] | None = None,
+        bounds: Mapping[str, Sequence[float | str]] | None = None,
         priors: Mapping[str, Any] | None = None,
         density: float | str | None = None,
         cutting_fraction: float = 1.0,
@@ -140,21 +144,23 @@ class FitProblem:
         model = load_model(model)
         validate(p)
         require_one_impact(model, p)
-        measured = read_measurements(data, p.units, error=error, per=per)
+        measured = read_measurements(data, p.shown_in, error=error, per=per)
         if not np.any(measured.erosion):
             raise ValueError("Argument `data` must have erosion other than zero.")
         share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
         names = check_free(free, measured, model)
+        known = {**quantities(model), **FACTORS, NOISE: measured.quantity}
+        refuse_laws(priors or {}, known, p.shown_in)
         fields = {
             "model": model,
             "p": p,
             "data": dataclasses.replace(measured, common=None),  # that of another fit
             "free": names,
             "bounds": {},
-            "priors": dict(priors or {}),
-            "density": _density(model, density, measured, p),
+            "priors": InSI(priors or {}),
+            "density": _density(model, density, measured),
             "cutting_fraction": share,
-            "digest": digest or equations_of(model, p.units).digest,
+            "digest": digest or equations_of(model).digest,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -166,18 +172,19 @@ class FitProblem:
         self.joint_law(self.priors)  # refuses laws beyond the ranges
         object.__setattr__(self, "bounds", self._checked(bounds))
 
-    def _checked(self, bounds: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-        """Bounds of free parameters within their ranges."""
+    def _checked(self, bounds: Mapping[str, Sequence[float | str]] | None) -> InSI:
+        """Bounds [SI] of free parameters within their ranges."""
         if not isinstance(bounds, Mapping | None):
             raise TypeError(
                 f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {briefly(bounds)}."
             )
         signed = [name for name, log in zip(self.names, self.logarithmic, strict=True) if not log]
         least = {name: parameter.least for name, parameter in own_parameters(self.model).items()}
-        checked = {}
-        for name, pair in (bounds or {}).items():
+        checked = InSI()
+        for name in bounds or {}:
             if name not in self.names:
                 raise ValueError(f"Argument `bounds` must name free parameters, but has {briefly(name)}.")
+        for name, pair in in_si(bounds, quantities(self.model), self.p.shown_in).items():
             low, high = as_pair(pair)
             below = low >= least.get(name, -np.inf) if name in signed else low > 0
             refuse(
@@ -197,7 +204,7 @@ class FitProblem:
         data: Any,
         free: Sequence[str] = FREE,
         *,
-        bounds: Mapping[str, Sequence[float]] | None = None,
+        bounds: Mapping[str, Sequence[float | str]] | None = None,
         priors: Mapping[str, Any] | None = None,
         error: ErrorModel | float | str | None = None,
         per: str | None = None,
@@ -219,11 +226,11 @@ class FitProblem:
         Raises:
             ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none.
         """
-        measured, problems = read_measurements(data, p.units, error=error, per=per), []
+        measured, problems = read_measurements(data, p.shown_in, error=error, per=per), []
         for model, own in _with_free(models, free):
             # Limits of what no model has are refused.
-            limits = [{name: limit for name, limit in (given or {}).items() if name in own or name not in free}
-                      for given in (bounds, priors)]  # fmt: skip
+            limits = [type(given)({name: limit for name, limit in given.items() if name in own or name not in free})
+                      for given in map(_dictionary, (bounds, priors))]  # fmt: skip
             problems.append(cls(model, p, measured, own, bounds=limits[0], priors=limits[1], **options))
         return problems
 
@@ -271,7 +278,7 @@ class FitProblem:
     def tested(self) -> Tested:
         """The ranges of the rows; speed and mass are the case's where the rows have none, and left out where fitted."""
         values = {name: getattr(self.p, name) for name in ("v0", "m") if name not in self.names} | self.data.conditions
-        return Tested.of(values, self.p.units)
+        return Tested.of(values)
 
     @property
     def own_stresses(self) -> np.ndarray:
@@ -282,7 +289,7 @@ class FitProblem:
 
     @property
     def contact_stress(self) -> float:
-        """σψ of the case [stress]."""
+        """σψ of the case [Pa]."""
         return float(self.p.sigma * self.p.psi)
 
     def theta(self, values: Mapping[str, float]) -> np.ndarray:
@@ -311,34 +318,35 @@ class FitProblem:
         values = self.values(theta)
         return with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
 
-    def conditions(
-        self, alpha: Any, at: Mapping[str, Any] | None, usual: Mapping[str, Any] | None = None
-    ) -> dict[str, np.ndarray]:
+    def conditions(self, alpha: Any, at: Mapping[str, Any] | None, usual: Mapping[str, Any] | None = None) -> InSI:
         """The conditions of a question, as arrays of one shape.
 
         Args:
-            alpha: α [rad].
-            at: other parameters of the case, by name.
-            usual: those that count where `at` has none.
+            alpha: α [rad], or texts with units.
+            at: other parameters of the case, by name, read as `p.replace` reads them.
+            usual: those that count where `at` has none [SI].
 
         Raises:
             ValueError, TypeError: for fitted or unknown parameters, and for values that they cannot have.
         """
         others = {} if at is None else at
         if not isinstance(others, Mapping) or "alpha" in others:
-            raise ValueError(f"Argument `at` must be such as {{'v0': 60.0}}, without `alpha`, but is {briefly(at)}.")
+            raise ValueError(
+                f"Argument `at` must be such as {{'v0': '60 m/s'}}, without `alpha`, but is {briefly(at)}."
+            )
         for name in others:
             if name not in QUANTITIES or name in self.free:
                 raise ValueError(
                     f"Argument `at` must name parameters of the case that are known, but has {briefly(name)}."
                 )
-        given = {"alpha": alpha, **(usual or {}), **others}
+        asked = in_si({"alpha": alpha}, QUANTITIES, "si"), usual or {}, in_si(others, QUANTITIES, self.p.shown_in)
+        given = dict(itertools.chain.from_iterable(values.items() for values in asked))
         p = dataclasses.replace(self.p, **given)
         validate(p)
         columns = np.broadcast_arrays(*(np.asarray(getattr(p, name)) for name in given))
         if not columns[0].size:
             raise ValueError("Argument `alpha` must hold at least one angle, but holds none.")
-        return dict(zip(given, columns, strict=True))
+        return InSI(zip(given, columns, strict=True))
 
     def count_turned(self, values: Mapping[str, Any], conditions: Mapping[str, Any]) -> np.ndarray:
         """In how many impacts the body turns by more than 90°, and of how many; shape (2,).
@@ -404,7 +412,7 @@ class FitProblem:
         self, values: Mapping[str, Any], conditions: Mapping[str, Any], derivatives: int, rtol: float = 1e-9
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
-        if equations_of(self.model, self.p.units).digest != self.digest:
+        if equations_of(self.model).digest != self.digest:
             raise ValueError(
                 "The fit needs the model as it was fitted, but its code computes something else since; fit it again."
             )
@@ -505,17 +513,19 @@ def _with_free(
     return [*of_each]
 
 
-def _density(model: CuttingModel, density: float | str | None, data: Measurements, p: Parameters) -> float | None:
-    """That of the target [density of the case]; a correlation has its own, by which it makes volumes of masses."""
+def _dictionary(given: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The same as a dictionary; an `InSI` stays one."""
+    return given if isinstance(given, dict) else dict(given or {})
+
+
+def _density(model: CuttingModel, density: float | str | None, data: Measurements) -> float | None:
+    """That of the target [kg/m³]; a correlation has its own, by which it makes volumes of masses."""
     if not isinstance(model, Correlated):
-        return _given_density(density, data, p)
-    to_si = conversion_factor("density", p.units, "si")
-    given = None if density is None else _given_density(density, data, p)
-    own = per_mass_of(model, PerMass(None if given is None else given * to_si)).density
-    return None if own is None else own / to_si
+        return _given_density(density, data)
+    return per_mass_of(model, PerMass(None if density is None else _given_density(density, data))).density
 
 
-def _given_density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+def _given_density(density: float | str | None, data: Measurements) -> float | None:
     if density is None:
         if data.needs_density:
             raise ValueError(
@@ -524,10 +534,10 @@ def _given_density(density: float | str | None, data: Measurements, p: Parameter
         return None
     if isinstance(density, str):
         if not has_unit(density):
-            such_as = example("density", p.units)
+            such_as = example("density", data.shown_in)
             raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {briefly(density)}.")
         with about("Argument `density`"):
-            density = read_quantity(density, "density", p.units)
+            density = read_quantity(density, "density")
     if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
         raise ValueError(f"Argument `density` must be positive and finite, but is {briefly(density)}.")
     return float(density)

@@ -11,8 +11,8 @@ import dataclasses
 import numpy as np
 
 from erosion.fits.least_squares import FitSolution, LeastSquares, settle
-from erosion.parameters.quantities import ascii_unit
-from erosion.results import Columns, Declared, Result, Scale, Value
+from erosion.parameters.quantities import Quantity
+from erosion.results import Columns, Declared, Result, System, Value
 
 _TRIALS = 24  # a step of the profile takes 8 of them, by halving
 _WIDER = 2.0  # factor per trial at most, while the end is not passed
@@ -27,7 +27,8 @@ class Profile(Result):
         name: of the parameter.
         values: ascending, shape (points,).
         rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
-        unit: of the values, empty for pure numbers.
+        quantity: the parameter.
+        shown_in: the unit system that shows it.
     """
 
     lines = ("points",)
@@ -35,7 +36,8 @@ class Profile(Result):
     name: str
     values: np.ndarray
     rise: np.ndarray
-    unit: str = ""
+    quantity: Quantity
+    shown_in: System = "si"
 
     @property
     def title(self) -> str:
@@ -44,7 +46,7 @@ class Profile(Result):
 
     def declare(self) -> list[Declared]:
         """The parameter, with value and rise at each point."""
-        values = Value("value", self.values, self.name, unit=ascii_unit(self.unit) or "1", scale=Scale(1.0, self.unit))
+        values = self.quantity.declare("value", self.values, symbol=self.name, meaning="")
         rises = Value("rise", self.rise, "Δχ²", digits=4)
         return [Value("parameter", self.name, only="data"), Columns("points", self.title, [values, rises])]
 

@@ -103,7 +103,7 @@ class Ranking(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Models that cannot be distinguished, what is held, failures, and what is doubtful in the best fit."""
-        of_models = [own_in_words(fit.model, but=fit.names, units=fit.p.units) for fit in self.ranked]
+        of_models = [own_in_words(fit.model, but=fit.names, system=fit.p.shown_in) for fit in self.ranked]
         held = [Finding("parameters_held", name, {"held": own})
                 for own, name in zip(of_models, self.names, strict=False) if own]  # fmt: skip
         prefers = Finding("evidence_prefers", self.names[self.preferred], {"before": self.names[0]})
@@ -147,13 +147,13 @@ class Ranking(Result):
     def declare(self) -> list[Declared]:
         """The models beside each other, and all numbers of the best fit; in data those of the others, too."""
         best, ranked = self.best, len(self.ranked)
-        unit, scale = best.erosion_unit, best.data.scale_of(best.rms)
+        measure, scale = best.data.quantity, best.data.scale_of(best.rms)
         missing = [None] * len(self.reasons)
         differences = [*self._differences, *missing] if self.has_aicc else [None] * len(self.fits)
         left_out = [fit.leave_one_out if np.isfinite(fit.leave_one_out) else None for fit in self.fits]
         has_errors, names = best.data.uncertainty is not None, list(self.names)
         misfit = [fit.chi2 / fit.degrees_of_freedom for fit in self.fits]
-        rms = Value("rms", [fit.rms for fit in self.fits], unit=unit, scale=scale, digits=4)
+        rms = Value("rms", [fit.rms for fit in self.fits], measure=measure, scale=scale, digits=4)
         columns = [
             Value("model", names),
             Value(
@@ -170,7 +170,7 @@ class Ranking(Result):
                 digits=3,
             ),
             *([Value("chi2_over_freedom", misfit, "χ²/dof", digits=3), rms.but(only="data")] if has_errors else [rms]),
-            Value("leave_one_out", left_out, "left out", unit=unit, scale=scale, digits=4),
+            Value("leave_one_out", left_out, "left out", measure=measure, scale=scale, digits=4),
             Value("estimates", self._in_words(), only="table"),
             Value("tied_with", [", ".join(self.tied_with(name)) for name in names], only="data"),
             Value("not_ranked", [None] * ranked + [reason.code for reason in self.reasons], only="data"),

@@ -84,7 +84,7 @@ def _scatter(fit: "Calibration") -> Pattern | None:
     residuals = data.over_errors(data.erosion - fitted) * data.deviation
     variance, of_scatter = float(np.sum(residuals**2)) / freedom, squares / scatter_freedom
     ratio, probability = variances_differ((variance, freedom), (of_scatter, scatter_freedom), data.erosion)
-    scale = table_scale(data.dimension, data.units, float(np.sqrt(variance)))
+    scale = table_scale(data.dimension, data.shown_in, float(np.sqrt(variance)))
     residual, scatter = (
         scale.beside(format_number(np.sqrt(square), 3, scale.size)) for square in (variance, of_scatter)
     )

@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 
 from erosion.output import briefly
-from erosion.parameters import Dimension, System, UnitError, read_removal
+from erosion.parameters import Dimension, UnitError, read_removal
 from erosion.tables import Column, Table, TableError
 from erosion.tables.headings import (
     ANGLE_WORDS,
@@ -38,9 +38,9 @@ _PERCENT = ("%", "percent")
 class _Removed(Wanted):
     """What is removed; its unit may be per impact."""
 
-    def factor(self, unit: str, dimension: Dimension, system: System) -> float:
+    def factor(self, unit: str, dimension: Dimension) -> float:
         """See `Wanted`."""
-        return factor(unit, dimension, system, read_removal)
+        return factor(unit, dimension, read_removal)
 
 
 class Removal(_Removed):
@@ -51,21 +51,21 @@ class Removal(_Removed):
         """See `Wanted`."""
         return "mg/impact" if self.dimensions[0] == "mass" else "mm^3/impact"
 
-    def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
+    def measure(self, unit: str, *, is_alias: bool) -> tuple[Dimension, float] | None:
         """See `Wanted`."""
         if unit in _PERCENT:
             raise UnitError("must not be a percentage, which may be one of the target's mass; write [mg/g]")
         if "1" in self.dimensions and unit in NO_UNIT:
             return None if is_alias else ("1", 1.0)
-        return super().measure(unit, system, is_alias=is_alias)
+        return super().measure(unit, is_alias=is_alias)
 
 
 class UncertaintyColumn(_Removed):
     """The standard deviation of an erosion, in its unit or as a share of it."""
 
-    def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
+    def measure(self, unit: str, *, is_alias: bool) -> tuple[Dimension, float] | None:
         """See `Wanted`."""
-        return ("1", 0.01) if unit in _PERCENT else super().measure(unit, system, is_alias=is_alias)
+        return ("1", 0.01) if unit in _PERCENT else super().measure(unit, is_alias=is_alias)
 
 
 def is_per_impact(column: Column) -> bool:

@@ -22,6 +22,7 @@ from erosion.lanes.lanewise import Lanewise, number
 from erosion.models import (
     CUT,
     NO_CUT,
+    SI_CASE,
     Case,
     CuttingModel,
     State,
@@ -32,7 +33,6 @@ from erosion.models import (
     own_quantities,
     quantities,
     require_one_impact,
-    units_within,
     whole_cut,
 )
 from erosion.ode.batch import compiling, integrate, integrate_along
@@ -50,7 +50,6 @@ from erosion.ode.variational import Derivatives
 from erosion.output import Record, briefly, largest_of
 from erosion.parameters import (
     QUANTITIES,
-    TABLE_1,
     Parameters,
     System,
     declare_derivative,
@@ -71,7 +70,7 @@ def signature_of(model: CuttingModel, p: Parameters, *, reports_state: bool = Fa
         p: the case.
         reports_state: with a clock, the whole state at the end, and the quantities of the model's own.
     """
-    case = Case(_of_units(units_within(model, p)), model)
+    case = Case(SI_CASE, model)
     equations = CUT.equations(case, ())
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
@@ -85,13 +84,6 @@ def signature_of(model: CuttingModel, p: Parameters, *, reports_state: bool = Fa
             "loop its derivative by `jax.custom_jvp`, or write smooth functions, such as `jnp.tanh`, or a table."
         )
     return signature if switches_of(located) is None else located
-
-
-# Each call of a user makes a signature, and what its parts have in common takes longer than the rest.
-@functools.cache
-def _of_units(units: System) -> Parameters:
-    """Any parameters of a unit system: a signature knows no numbers."""
-    return dataclasses.replace(TABLE_1, units=units)
 
 
 @functools.lru_cache(maxsize=256)
@@ -165,7 +157,7 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
         p: parameters, all scalars.
 
     Returns:
-        V [volume], a scalar.
+        V [m³], a scalar.
     """
     require_float64()
     model = load_model(model)
@@ -192,7 +184,7 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
 
     The code of an outcome is an index of these.
     """
-    return (*signature_of(model, TABLE_1).event_names, *OTHER_ENDS)
+    return (*signature_of(model, SI_CASE).event_names, *OTHER_ENDS)
 
 
 def tip_at(model: CuttingModel, p: Parameters, ys: np.ndarray) -> list[np.ndarray]:
@@ -221,12 +213,12 @@ class Impact(Result):
 
     Args:
         model, p: what was computed.
-        volume: removed volume [volume], also at contact; NaN only where `ended_by` is "failed" or "unfinished".
+        volume: removed volume [m³], also at contact; NaN only where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
-        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
+        dvolume: ∂V/∂q for q = `wrt` [m³ per SI unit of q], or None; NaN where it does not exist, see
             `no_derivatives`. With several names there is a last axis over them.
-        d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
+        d2volume: ∂²V/∂q² [m³ per SI unit of q, squared], or None; with several names there are two
             last axes, the matrix ∂²V/∂q_i∂q_j.
         wrt: the parameter(s) of the derivatives.
         rtol: relative tolerance.
@@ -252,7 +244,7 @@ class Impact(Result):
 
     @functools.cached_property
     def volume_at_contact(self) -> PerImpact:
-        """The volume removed at contact by deformation, beside the cut [volume]; computed when first read."""
+        """The volume removed at contact by deformation, beside the cut [m³]; computed when first read."""
         signature, parameters, shape = lanes_of(self.model, self.p)
 
         def of_one(parameters: Sequence[Number]) -> Array:
@@ -312,23 +304,28 @@ class Impact(Result):
                 missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
         return (missing & np.isfinite(self.volume))[()]
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
+
     def declare(self) -> list[Value]:
         """Times, outcomes, volumes, the quantities of the model's own, and derivatives."""
-        units, own, at_contact = self.p.units, own_quantities(type(self.model)), self.volume_at_contact
+        own, at_contact = own_quantities(type(self.model)), self.volume_at_contact
         lost = bool(np.any(self.no_derivatives))
         return [
-            declare_result("t_c", self.t_c, units),
+            declare_result("t_c", self.t_c),
             Value("ended_by", self.ended_by, meaning="how the cut ends"),
-            declare_result("volume", self.volume, units),
-            declare_result("volume_at_contact", at_contact, units, only="" if largest_of(at_contact) else "data"),
-            *(own[name].declare(name, value, units) for name, value in self.quantities.items()),
+            declare_result("volume", self.volume),
+            declare_result("volume_at_contact", at_contact, only="" if largest_of(at_contact) else "data"),
+            *(own[name].declare(name, value) for name, value in self.quantities.items()),
             *([Value("no_derivatives", self.no_derivatives, meaning=NO_DERIVATIVES)] if lost else []),
             *self._derivatives(),
         ]
 
     def _derivatives(self) -> Iterator[Value]:
         """The derivatives by the parameters; those by several have a name each, `dvolume_dk`."""
-        units, known = self.p.units, quantities(self.model)
+        known = quantities(self.model)
         if isinstance(self.wrt, str):
             yield Value("wrt", self.wrt, only="data")
         else:
@@ -337,15 +334,15 @@ class Impact(Result):
             if value is None:
                 continue
             if self.wrt == "alpha":
-                yield declare_result(name, value, units)
+                yield declare_result(name, value)
                 continue
             if isinstance(self.wrt, str):
-                yield declare_derivative(name, value, [known[self.wrt]] * order, units)
+                yield declare_derivative(name, value, [known[self.wrt]] * order)
                 continue
             for index in itertools.combinations_with_replacement(range(len(self.wrt)), order):
                 by = [self.wrt[i] for i in index]
                 below = f"d{by[0]}2" if by[1:] == by[:1] else "_".join(f"d{each}" for each in by)
-                yield declare_derivative(f"{name}_{below}", value[(..., *index)], [known[each] for each in by], units)
+                yield declare_derivative(f"{name}_{below}", value[(..., *index)], [known[each] for each in by])
 
     @property
     def title(self) -> str:

@@ -49,7 +49,7 @@ def identity(models: Mapping[str, CuttingModel], p: Parameters, **more: str) -> 
     return {
         "version": code_version(),
         "case": dump_case(p),
-        "models": "\n".join(f"{label}: {model_digest(model, p)}" for label, model in models.items()),
+        "models": "\n".join(f"{label}: {model_digest(model)}" for label, model in models.items()),
         **more,
     }
 
@@ -61,7 +61,7 @@ def provenance(content: str, p: Parameters, **more: Any) -> dict[str, Any]:
         "title": f"Solid particle erosion: {content}",
         "source": f"erosion {__version__}",
         **more,
-        "unit_system": p.units,
+        "unit_system": p.shown_in,
         "case": dump_case(p),
     }
 
@@ -169,7 +169,7 @@ _PER_MASS: Mapping[str, tuple[str, float]] = {
 def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[str, PerMass]) -> None:
     """Write a sweep or a comparison: a line for each point of the grid, its model and axes first, then its results.
 
-    Angles are in degrees, everything else in the units of the dataset, which stand in the headings: "v0 [m/s]".
+    Angles are in degrees, everything else in SI; the units stand in the headings: "v0 [m/s]".
     Outcomes are words. The share of the particles that cut and the erosion per mass of particles, in mm³/kg and g/kg,
     come last.
 

@@ -23,7 +23,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Broadcast, Flag, ModelState, Scalar, Structure
 from erosion.models import CuttingModel, Events, cuts_at_all, equations_of, event_rates
 from erosion.ode.problem import Same
-from erosion.parameters import Parameters, System
+from erosion.parameters import Parameters
 
 _CLOSE = 4 * float(np.finfo(float).eps)  # of a time: nearer is the same
 _NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection
@@ -117,10 +117,9 @@ def seldom_run(function: _Function) -> _Function:
     @functools.wraps(function)
     def call(*arguments: PyTree) -> PyTree:
         # JAX knows a model by its class and fields. Its code may have been defined anew.
-        parts = jax.tree.leaves(arguments, is_leaf=lambda part: isinstance(part, (CuttingModel, Parameters)))
-        units: set[System] = {part.units for part in parts if isinstance(part, Parameters)} or {"inch-pound"}
+        parts = jax.tree.leaves(arguments, is_leaf=lambda part: isinstance(part, CuttingModel))
         models = [part for part in parts if isinstance(part, CuttingModel)]
-        digests = [equations_of(model, one).digest for model in models for one in units]
+        digests = [equations_of(model).digest for model in models]
         return program()(digests, *jax.tree.map(_with_hash, arguments))
 
     return cast(_Function, call)

@@ -12,6 +12,7 @@ every jump and of both ends of the range.
 import contextlib
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -53,6 +54,7 @@ from erosion.parameters import (
     QUANTITIES,
     RESULTS,
     STEEPEST,
+    Derivative,
     Parameters,
     Quantity,
     System,
@@ -66,7 +68,7 @@ _HAIR = 1e-8  # of the first speed into the depth
 
 
 class VolumePerMass(SameMotion):
-    """V/m, the volume per mass of particles [volume/mass]."""
+    """V/m, the volume per mass of particles [m³/kg]."""
 
     motion: CuttingModel
 
@@ -87,7 +89,7 @@ class EndTime(SameMotion):
 
 
 class Depth(SameMotion):
-    """The depth at which the tip first stops going deeper, ∫ d(depth) [length]."""
+    """The depth at which the tip first stops going deeper, ∫ d(depth) [m]."""
 
     motion: CuttingModel
 
@@ -148,7 +150,7 @@ class Optimum(Result):
             nothing is removed at any angle.
         low, high: the ends of a plateau [rad]; else both are `alpha`.
         value: the objective there.
-        volume: V there [volume].
+        volume: V there [m³].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "limit" (on the other side the body turns further than `max_turn`), "boundary" (the
             limit as α → 0, or an end of the range), "kink" (the slope jumps through zero), "plateau" (the
@@ -261,50 +263,53 @@ class Optimum(Result):
         """The quantity that the objective is."""
         return RESULTS[MEASURES[self.objective]] if self.objective in MEASURES else Quantity("", self.objective, "1")
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
+
     def declare(self) -> list[Declared]:
         """The answer with every rival, but not the sensitivities, which take longer."""
-        units, known, angle, turn = self.p.units, self.measure, QUANTITIES["alpha"], self.turn
-        slope, bend = (f"{known.unit(units)}/rad{power}" for power in ("", "^2"))
+        known, angle, turn = self.measure, QUANTITIES["alpha"], self.turn
+        slope, bend = (Derivative(known.dimension, ("angle",) * order) for order in (1, 2))
         symbol, is_volume = "α_min" if self.least else "α_max", self.objective == "volume"
         certified = Finding("not_certified").text if not np.all(self.certified) else "the search resolved all angles"
         return [
             Value("objective", self.objective, only="data"),
             Value("least", self.least, only="data"),
-            angle.declare("alpha", self.alpha, units, symbol=symbol, meaning="angle of attack, of this model"),
-            angle.declare("low", self.low, units, only="data"),
-            angle.declare("high", self.high, units, only="data"),
+            angle.declare("alpha", self.alpha, symbol=symbol, meaning="angle of attack, of this model"),
+            angle.declare("low", self.low, only="data"),
+            angle.declare("high", self.high, only="data"),
             Value("kind", self.kind, meaning="" if np.ndim(self.kind) else self._kind_explained()),
             Value("ended_by", self.ended_by, meaning="how the cut ends there"),
-            declare_result("volume", self.volume, units),
-            known.declare("value", self.value, units, only="data" if is_volume else ""),
-            declare_result("turn", turn, units, only="data" if np.all(np.isnan(turn)) else ""),
+            declare_result("volume", self.volume),
+            known.declare("value", self.value, only="data" if is_volume else ""),
+            declare_result("turn", turn, only="data" if np.all(np.isnan(turn)) else ""),
             Value(
                 "turned_beyond", self.turned_beyond, meaning=BEYOND, only="" if np.any(self.turned_beyond) else "data"
             ),
             Value("side", self.side, only="data"),
             Value("attained", self.attained, only="data"),
-            Value("dvolume", self.dvolume, unit=slope, only="data"),
-            Value("d2volume", self.d2volume, unit=bend, only="data"),
-            angle.declare("max_turn", self.max_turn, units, only="data"),
+            Value("dvolume", self.dvolume, measure=slope, only="data"),
+            Value("d2volume", self.d2volume, measure=bend, only="data"),
+            angle.declare("max_turn", self.max_turn, only="data"),
             Value("iterations", self.iterations, only="data"),
             Value("certified", self.certified, meaning=certified),
             *self._rivals(slope, bend),
         ]
 
-    def _rivals(self, slope: str, bend: str) -> list[Declared]:
-        """The candidates, jumps and regimes; of many optima a tuple of each for every one."""
-        rivals = {"candidates": self.candidates, "jumps": self.jumps, "regimes": self.regimes}
-        if np.ndim(self.kind):
-            return [Value(name, each, only="data") for name, each in rivals.items()]
-        angle, value = (
-            functools.partial(_declared, each, self.p.units) for each in (QUANTITIES["alpha"], self.measure)
-        )
+    def _rivals(self, slope: Derivative, bend: Derivative) -> list[Declared]:
+        """The candidates, jumps and regimes; of many optima with the indices of the impact that each belongs to."""
+        angle, value = (functools.partial(_declared, each) for each in (QUANTITIES["alpha"], self.measure))
         known: dict[str, Declare] = {
             **dict.fromkeys(("alpha", "low", "high"), angle),
             **dict.fromkeys(("value", "below", "above"), value),
-            "dvalue": lambda name, numbers: Value(name, numbers, unit=slope),
-            "d2value": lambda name, numbers: Value(name, numbers, unit=bend),
+            "dvalue": lambda name, numbers: Value(name, numbers, measure=slope),
+            "d2value": lambda name, numbers: Value(name, numbers, measure=bend),
         }
+        if np.ndim(self.kind):
+            rivals = {"candidates": self.candidates, "jumps": self.jumps, "regimes": self.regimes}
+            return [_of_many(name, each, known) for name, each in rivals.items()]
         hidden = ("low", "high", "attained", "dvalue", "d2value", "steps")
         return [
             Columns.of("candidates", "", self.candidates, known, only="data"),
@@ -329,10 +334,24 @@ class Optimum(Result):
         return {"interior": "dV/dα = 0", "unresolved": "the greatest value that was computed"}.get(str(self.kind), "")
 
 
-def _declared(quantity: Quantity, units: System, name: str, numbers: Any) -> Value:
+def _of_many(name: str, of_each: np.ndarray, known: Mapping[str, Declare]) -> Columns:
+    """The rivals of many optima, each beside the indices of its impact, `dim_0`, ….
+
+    Args:
+        name: of the columns.
+        of_each: tuples of dataclasses, an array of them.
+        known: see `Columns.of`.
+    """
+    at = [index for index in np.ndindex(of_each.shape) for _ in of_each[index]]
+    places = [Value(f"dim_{i}", [index[i] for index in at]) for i in range(of_each.ndim if at else 0)]
+    columns = Columns.of(name, "", [*itertools.chain.from_iterable(of_each.ravel())], known, only="data")
+    return dataclasses.replace(columns, values=[*places, *columns.values])
+
+
+def _declared(quantity: Quantity, name: str, numbers: Any) -> Value:
     """A column of the quantity, named as its field is."""
     symbol = quantity.symbol if name in ("alpha", "value") else ""
-    return quantity.declare(name, numbers, units, symbol=symbol)
+    return quantity.declare(name, numbers, symbol=symbol)
 
 
 def alpha_max(
@@ -450,7 +469,7 @@ def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
 def _volume_at(
     model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact, shallow: float
 ) -> tuple[PerImpact, PerImpact]:
-    """Volume [volume] and outcome in words at the optimum of another objective."""
+    """Volume [m³] and outcome in words at the optimum of another objective."""
     inside, at_zero = np.asarray(alpha) > 0, np.asarray(alpha) == 0
     hits = impact(model, p.replace(alpha=np.where(inside, alpha, shallow)), rtol=TIGHT)
     volume = np.where(inside, hits.volume, np.nan)

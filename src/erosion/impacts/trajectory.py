@@ -33,7 +33,6 @@ from erosion.models import (
     load_model,
     model_name,
     require_one_impact,
-    units_within,
 )
 from erosion.ode.batch import integrate
 from erosion.ode.ensemble import path_of
@@ -41,7 +40,7 @@ from erosion.ode.signature import Clock
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.output import Record, briefly
 from erosion.parameters import Parameters, declare_result, validate
-from erosion.results import Finding, Result, Value
+from erosion.results import Finding, Result, System, Value
 
 TURNED_BEYOND = "turned_beyond"
 """The code of the finding on a body that turned by more than 90°."""
@@ -62,24 +61,24 @@ _WARNINGS: Mapping[str, type[Warning]] = {TURNED_BEYOND: TurnWarning, "pushed_fo
 class Trajectory(Result):
     """One cut from contact to its end.
 
-    Arrays have shape (points,) and run over times `t` from 0 to `t_c`, in the units of `p`.
+    Arrays have shape (points,) and run over times `t` from 0 to `t_c`.
 
     Args:
         model, p: what was simulated.
         t: times [s].
-        x, y: displacement of the centre of mass [length]; y is positive into the target.
+        x, y: displacement of the centre of mass [m]; y is positive into the target.
         phi: orientation [rad]; π/2 is upright.
-        vx, vy: velocity of the centre of mass [speed].
+        vx, vy: velocity of the centre of mass [m/s].
         omega: φ̇ [rad/s].
-        x_tip, depth: position of the cutting tip [length].
-        vx_tip, vdepth: velocity of the tip [speed].
-        removed: volume removed so far [volume]; the first is what is removed at contact.
-        removal_rate: dV/dt [volume/s].
+        x_tip, depth: position of the cutting tip [m].
+        vx_tip, vdepth: velocity of the tip [m/s].
+        removed: volume removed so far [m³]; the first is what is removed at contact.
+        removal_rate: dV/dt [m³/s].
         t_c: when the cut ends [s]; 0 where nothing is cut.
         ended_by: "rebound", "stop", "no-cut", or the name of a plug-in's event.
-        volume: removed volume [volume], b ∫ depth dx_tip and what is removed at contact.
+        volume: removed volume [m³], b ∫ depth dx_tip and what is removed at contact.
         states: the model's own state over `t`, a pytree of arrays.
-        dvolume: dV/dα [volume/rad], where it was computed.
+        dvolume: dV/dα [m³/rad], where it was computed.
         at: state at any time(s) in [0, t_c].
     """
 
@@ -113,12 +112,12 @@ class Trajectory(Result):
 
     @property
     def x(self) -> np.ndarray:
-        """Displacement of the centre of mass along the surface [length]."""
+        """Displacement of the centre of mass along the surface [m]."""
         return np.asarray(self._body().x)
 
     @property
     def y(self) -> np.ndarray:
-        """Displacement of the centre of mass into the target [length]."""
+        """Displacement of the centre of mass into the target [m]."""
         return np.asarray(self._body().y)
 
     @property
@@ -128,12 +127,12 @@ class Trajectory(Result):
 
     @property
     def vx(self) -> np.ndarray:
-        """Velocity of the centre of mass along the surface [speed]."""
+        """Velocity of the centre of mass along the surface [m/s]."""
         return np.asarray(self._body().vx)
 
     @property
     def vy(self) -> np.ndarray:
-        """Velocity of the centre of mass into the target [speed]."""
+        """Velocity of the centre of mass into the target [m/s]."""
         return np.asarray(self._body().vy)
 
     @property
@@ -143,12 +142,12 @@ class Trajectory(Result):
 
     @property
     def volume_at_contact(self) -> float:
-        """The volume removed at contact by deformation, beside the cut [volume]."""
+        """The volume removed at contact by deformation, beside the cut [m³]."""
         return float(self.removed[0])
 
     @property
     def max_depth(self) -> float:
-        """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
+        """The tip's greatest depth on the grid of `t`, refined by a cubic [m]."""
         if len(self.t) < 2:
             return 0.0
         # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
@@ -187,19 +186,24 @@ class Trajectory(Result):
         greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
         return None if greatest <= np.pi / 2 else Finding(TURNED_BEYOND, numbers={"turn": greatest})
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
+
     def declare(self) -> list[Value]:
         """When and how the cut ends, and what it removes; of a model with a state of its own its parts at the end."""
-        at_contact, units = self.volume_at_contact, self.p.units
+        at_contact = self.volume_at_contact
         is_rigid = isinstance(self.states, State)
         state = self._own_state()
         return [
-            declare_result("t_c", self.t_c, units),
+            declare_result("t_c", self.t_c),
             Value("ended_by", self.ended_by, meaning="how the cut ends"),
-            declare_result("volume", self.volume, units),
-            declare_result("volume_at_contact", at_contact, units, only="" if at_contact else "data"),
-            declare_result("dvolume", self.dvolume, units),
-            declare_result("max_depth", self.max_depth, units),
-            *([declare_result("turn", self.turn, units)] if is_rigid else []),
+            declare_result("volume", self.volume),
+            declare_result("volume_at_contact", at_contact, only="" if at_contact else "data"),
+            declare_result("dvolume", self.dvolume),
+            declare_result("max_depth", self.max_depth),
+            *([declare_result("turn", self.turn)] if is_rigid else []),
             *([Value("state", [*state.values()], meaning="of the model's own state, at the end", labels=[*state])]
               if state else []),
         ]  # fmt: skip
@@ -289,7 +293,7 @@ def _follow(
     rtol: float,
     points: int,
 ) -> Trajectory:
-    given, p = p, dataclasses.replace(p, units=units_within(model, p))
+    given, p = p, p.to("si")
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not np.all(np.isfinite(start)):

@@ -18,13 +18,13 @@ from erosion.models.base import (
     ranges as ranges,
     require_one_impact as require_one_impact,
     sizes as sizes,
-    units_within as units_within,
     values as values,
     with_values as with_values,
 )
 from erosion.models.correlated import Correlated as Correlated, correlated as correlated, made_for as made_for
 from erosion.models.equations import (
     CUT as CUT,
+    SI_CASE as SI_CASE,
     Case as Case,
     equations_of as equations_of,
     model_digest as model_digest,

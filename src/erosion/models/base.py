@@ -32,7 +32,6 @@ from erosion.parameters import (
     Quantity,
     System,
     about,
-    conversion_factor,
     read_dimension,
     require_concrete,
     require_parameters,
@@ -50,9 +49,9 @@ class State(eqx.Module):
     line from the tip to the centre of mass, counter-clockwise; φ = π/2 is upright.
 
     Args:
-        x, y: displacement of the centre of mass since contact [length].
+        x, y: displacement of the centre of mass since contact [m].
         phi: orientation φ [rad].
-        vx, vy: velocity of the centre of mass [speed].
+        vx, vy: velocity of the centre of mass [m/s].
         omega: φ̇ [rad/s].
     """
 
@@ -77,10 +76,10 @@ class Tip(NamedTuple):
     """Place and velocity of the cutting tip.
 
     Args:
-        x: along the surface from the point of contact [length].
-        depth: below the undisturbed surface [length], positive in the target.
-        vx: dx/dt [speed].
-        vdepth: d(depth)/dt [speed].
+        x: along the surface from the point of contact [m].
+        depth: below the undisturbed surface [m], positive in the target.
+        vx: dx/dt [m/s].
+        vdepth: d(depth)/dt [m/s].
     """
 
     x: Broadcast
@@ -94,7 +93,7 @@ class Scales(NamedTuple):
 
     Args:
         time: a fraction of the cut's duration [s].
-        length: of the order of the greatest depth [length].
+        length: of the order of the greatest depth [m].
     """
 
     time: Broadcast
@@ -125,15 +124,15 @@ class ClosedForm(eqx.Module):
 
     @abc.abstractmethod
     def volume(self, p: Parameters) -> Broadcast:
-        """Removed volume [volume]."""
+        """Removed volume [m³]."""
 
     @abc.abstractmethod
     def dvolume(self, p: Parameters) -> Broadcast:
-        """dV/dα [volume/rad]."""
+        """dV/dα [m³/rad]."""
 
     @abc.abstractmethod
     def d2volume(self, p: Parameters) -> Broadcast:
-        """d²V/dα² [volume/rad²]."""
+        """d²V/dα² [m³/rad²]."""
 
     @abc.abstractmethod
     def alpha_max(self, p: Parameters) -> Broadcast:
@@ -176,7 +175,7 @@ class CuttingModel(eqx.Module):
         return {"rebound": tip.depth / self.scales(p).length, "stop": tip.vx / p.v0}
 
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
-        """dV/dt [volume/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
+        """dV/dt [m³/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
         tip = self.tip(state, p)
         return p.b * tip.depth * tip.vx
 
@@ -239,14 +238,6 @@ class CuttingModel(eqx.Module):
             parameter_scale=typical_parameters,
         )
 
-    @property
-    def needs_units(self) -> bool:
-        """Whether the model has numbers in fixed units, such as m/s, so that it must know `p.units`.
-
-        By default not: the physics depends on no unit system, and `p.units` says nothing within a model's methods.
-        """
-        return False
-
     def replace(self, **changes: object) -> "CuttingModel":
         """Return the model with other values of its own parameters: `model.replace(friction=0.3)`.
 
@@ -261,21 +252,6 @@ class CuttingModel(eqx.Module):
         """
         check_least(self, changes)
         return replaced(self, changes)
-
-    def to(self, units: str, p: Parameters) -> tuple["CuttingModel", Parameters]:
-        """Model and case in another unit system: `model, p = model.to("si", p)`.
-
-        A model knows no unit system: its own parameters are in the units of the case, and those
-        declared with a dimension (see `own_parameter`) are converted with it. `p.to` converts the case alone.
-
-        Args:
-            units: "inch-pound" or "si".
-            p: the case, in the units of the model's present values.
-
-        Returns:
-            The model and the case of the same impact.
-        """
-        return converted(self, p, units)
 
 
 class SameMotion(CuttingModel):
@@ -298,10 +274,6 @@ class SameMotion(CuttingModel):
     def scales(self, p: Parameters) -> Scales:
         return self.motion.scales(p)
 
-    @property
-    def needs_units(self) -> bool:
-        return self.motion.needs_units
-
     @abc.abstractmethod
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """The integrand."""
@@ -310,11 +282,6 @@ class SameMotion(CuttingModel):
 def typical_parameters(p: Parameters) -> Parameters:
     """One radian and the spin v₀/r; of all others their own size."""
     return p.replace(alpha=1.0, phidot0=p.v0 / p.r)
-
-
-def units_within(model: CuttingModel, p: Parameters) -> System:
-    """The `p.units` that a model's methods see; the same for all cases where it does not count."""
-    return p.units if model.needs_units else "inch-pound"
 
 
 def event_rates(model: CuttingModel, state: ModelState, rate: ModelState, p: Parameters) -> tuple[Events, Events]:
@@ -378,8 +345,7 @@ def own_parameter(default: float, symbol: str, meaning: str, dimension: str = "1
         default: the value of a model made without another.
         symbol: "μ".
         meaning: "coefficient of friction".
-        dimension: "1", "length", "rate", …, or made of them, "mass/time" or "M/T"; the value is in the units of the
-            case, which `CuttingModel.to` converts together with the case.
+        dimension: "1", "length", "rate", …, or made of them, "mass/time" or "M/T"; the value is in SI.
         least: the least value; `CuttingModel.replace` and the commands refuse a smaller one. In an array it
             passes, and the model must make that impact fail by a NaN.
     """
@@ -387,7 +353,7 @@ def own_parameter(default: float, symbol: str, meaning: str, dimension: str = "1
 
 
 def fixed_parameter(default: float, symbol: str, meaning: str, unit: str) -> Any:
-    """The same for a number that is in one unit, "kg/m^3", whatever the units of the case."""
+    """The same for a number that is shown in one unit, "kg/m^3", whatever the units of the case."""
     quantity = Quantity(symbol, f"{meaning} [{unit.replace('^3', '³')}]", "1", unit)
     return eqx.field(default=default, metadata={"quantity": quantity, "least": -math.inf})
 
@@ -508,18 +474,6 @@ def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
     return jax.tree.unflatten(structure, leaves)
 
 
-def converted(model: _Model, p: Parameters, units: str) -> tuple[_Model, Parameters]:
-    """Model and case in another unit system; own parameters convert by their dimensions."""
-    require_parameters(p)
-    there = p.to(units)
-    changes = {}
-    for name, parameter in own_parameters(model).items():
-        factor = conversion_factor(parameter.quantity.dimension, p.units, there.units)
-        if factor != 1:
-            changes[name] = parameter.value * factor
-    return replaced(model, changes), there
-
-
 def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "", *, traced: bool = False) -> None:
     """Refuse parameters that are arrays, of the case or the model's own.
 
@@ -574,17 +528,17 @@ def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tup
     )
 
 
-def own_in_words(model: eqx.Module, but: Collection[str] = (), units: System | None = None) -> str:
+def own_in_words(model: eqx.Module, but: Collection[str] = (), system: System | None = None) -> str:
     """The own parameters with their values in one line; empty where there are none.
 
     Args:
         model: whose own parameters.
         but: names that are left out.
-        units: of the values, which are rounded and have their units; without it exact numbers alone.
+        system: the unit system that shows the values, rounded; without it exact numbers in SI alone.
     """
     own = {name: parameter for name, parameter in own_parameters(model).items() if name not in but}
     return ", ".join(
-        f"{name} = {abbreviate(value) if units is None else quantity.in_words(float(value), units, 6)}"
+        f"{name} = {abbreviate(value) if system is None else quantity.in_words(float(value), system, 6)}"
         for name, (_, _, value, quantity, *_) in own.items()
     )
 

@@ -21,7 +21,6 @@ from erosion.parameters import (
     Particle,
     PerMass,
     Target,
-    conversion_factor,
     particle as read_particle,
     target as read_target,
 )
@@ -37,7 +36,7 @@ class Correlated(CuttingModel):
     Args:
         name: in `erosion.CORRELATIONS`.
         material: a target in the table of the correlation; its default without one.
-        density: ρ of the target [kg/m³], whatever the units of the case.
+        density: ρ of the target [kg/m³].
     """
 
     name: str = eqx.field(static=True)
@@ -60,13 +59,11 @@ class Correlated(CuttingModel):
         return {} if self.material is None else {"material": self.material}
 
     def removed_at_contact(self, p: Parameters) -> Scalar:
-        speed = p.v0 * conversion_factor("speed", p.units, "si")
-        mass = p.m * conversion_factor("mass", p.units, "si")
         with warnings.catch_warnings():
             # Verbs warn once, with the share of their impacts: `outside_of_range`.
             warnings.simplefilter("ignore", OutOfRangeWarning)
-            ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
-        return ratio * mass / self._density_of_ratio * conversion_factor("volume", "si", p.units)
+            ratio = CORRELATIONS[self.name].erosion(p.alpha, p.v0, **self._factors(p))
+        return ratio * p.m / self._density_of_ratio
 
     @property
     def _density_of_ratio(self) -> Number:
@@ -78,12 +75,8 @@ class Correlated(CuttingModel):
         return share_outside(self.label, CORRELATIONS[self.name].ranges, values, counted)
 
     def _checked(self, p: Parameters) -> dict[str, Broadcast]:
-        """What may lie outside of a range, in SI units."""
-        return {"alpha": p.alpha, "v0": p.v0 * conversion_factor("speed", p.units, "si")}
-
-    @property
-    def needs_units(self) -> bool:
-        return True  # a correlation is in m/s and kg
+        """What may lie outside of a range."""
+        return {"alpha": p.alpha, "v0": p.v0}
 
     # Depth and velocity of 0 are what the events take for "no-cut".
     def initial_state(self, p: Parameters) -> Scalar:
@@ -100,7 +93,7 @@ class CorrelatedBySize(Correlated):
     """The same for a correlation that depends on the size of the particle, a sphere of the mass of the case.
 
     Args:
-        particle_density: of the particle [kg/m³], whatever the units of the case; 2650 is quartz.
+        particle_density: of the particle [kg/m³]; 2650 is quartz.
     """
 
     particle_density: float = fixed_parameter(2650.0, "ρ_p", "density of the particle", "kg/m^3")
@@ -112,7 +105,7 @@ class CorrelatedBySize(Correlated):
         return {**super()._checked(p), "diameter": self._diameter(p)}
 
     def _diameter(self, p: Parameters) -> Broadcast:
-        volume = p.m * conversion_factor("mass", p.units, "si") / self.particle_density
+        volume = p.m / self.particle_density
         return (6 * volume / math.pi) ** (1 / 3)
 
 
@@ -120,7 +113,7 @@ class CorrelatedByFlowStress(Correlated):
     """The same for Finnie's form, whose volume is proportional to 1/p, whatever the density of the target.
 
     Args:
-        flow_stress: p of the target at ψ = 2, its hardness [Pa], whatever the units of the case.
+        flow_stress: p of the target at ψ = 2, its hardness [Pa].
     """
 
     flow_stress: float = fixed_parameter(FINNIE_MATERIALS["steel"].flow_stress, "p", "flow stress of the target", "Pa")

@@ -27,7 +27,6 @@ from erosion.models.base import (
     own_parameters,
     own_quantities,
     typical_parameters,
-    units_within,
 )
 from erosion.ode.problem import (
     FunctionError,
@@ -43,49 +42,49 @@ from erosion.ode.problem import (
     struct_of,
 )
 from erosion.output import briefly
-from erosion.parameters import QUANTITIES, TABLE_1, Parameters, System
+from erosion.parameters import QUANTITIES, TABLE_1, Parameters
 
 _PACKAGE = Path(__file__).parents[1]
+SI_CASE = TABLE_1.to("si")
+"""Any case, for what knows no numbers."""
 _PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees
 
 
-def equations_of(model: CuttingModel, units: System = "inch-pound") -> TracedProblem:
+def equations_of(model: CuttingModel) -> TracedProblem:
     """The equations of a model as its code is now; they are traced where this kind of model is new or was redefined.
 
     Args:
         model: numbers among its leaves may be arrays, or JAX's tracers.
-        units: the unit system that its methods see; see `units_within`.
     """
-    recent = _by_place.get((id(model), units))
+    recent = _by_place.get(id(model))
     if recent is not None and recent[0]() is model and recent[1].snapshot.unchanged():
         return recent[1]
-    return _kept(model, units, equations_of_kind(_ModelKind(model, units)))
+    return _kept(model, equations_of_kind(_ModelKind(model)))
 
 
 # By a model's place in memory: a model does not change, and to tell its kind takes ten times longer.
-_by_place: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], TracedProblem]]" = {}
+_by_place: "dict[int, tuple[weakref.ref[CuttingModel], TracedProblem]]" = {}
 
 
-def _kept(model: CuttingModel, units: System, equations: TracedProblem) -> TracedProblem:
+def _kept(model: CuttingModel, equations: TracedProblem) -> TracedProblem:
     """The equations, which are found sooner from now on."""
-    place = id(model), units
+    place = id(model)
     with contextlib.suppress(TypeError):  # of a class with `__slots__` there are no such references
         _by_place[place] = weakref.ref(model, lambda _: _by_place.pop(place, None)), equations
     return equations
 
 
-def model_digest(model: CuttingModel, p: Parameters) -> str:
-    """The digest of a model with its numbers, for a case; the same in every process.
+def model_digest(model: CuttingModel) -> str:
+    """The digest of a model with its numbers; the same in every process.
 
     Own parameters are known by name and value, other arrays by their numbers alone.
 
     Raises:
         ValueError: where the equations hold what only this process knows.
     """
-    units = units_within(model, p)
-    kind = _ModelKind(model, units)
+    kind = _ModelKind(model)
     # As the code is now, also where something changed that `CodeSnapshot` does not see, such as a file that is read.
-    equations = _kept(model, units, equations_of_kind(kind, anew=True))
+    equations = _kept(model, equations_of_kind(kind, anew=True))
     if equations.error is not None:
         raise ValueError(f"Argument `model` must be a model, but {equations.error}.")
     if equations.process_local:
@@ -97,12 +96,12 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     return digits(*_trace(kind, labels)[0].pieces, *sorted(values))
 
 
-def plug_in_digest(model: CuttingModel, p: Parameters) -> str:
-    """The digest of what a plug-in computes for a case, whatever its own parameters are.
+def plug_in_digest(model: CuttingModel) -> str:
+    """The digest of what a plug-in computes, whatever its own parameters are.
 
     It is empty for the package's own models, whose code does not change, and where only this process knows it.
     """
-    kind = _ModelKind(model, units_within(model, p))
+    kind = _ModelKind(model)
     equations = equations_of_kind(kind, anew=True)
     if kind.is_of_package or equations.error is not None or equations.process_local:
         return ""
@@ -127,7 +126,7 @@ def error_in(model: CuttingModel) -> str | None:
 
     Its methods are traced, not run: a model of NaN, or one whose cut never ends, passes.
     """
-    recent = _by_place.get((id(model), "inch-pound"))
+    recent = _by_place.get(id(model))
     is_known = recent is not None and recent[0]() is model
     return (None if is_known else _wrong_part(model)) or equations_of(model).error
 
@@ -149,14 +148,13 @@ def _wrong_part(model: CuttingModel) -> str | None:
 class _ModelKind(TreeKind):
     """What models that differ in their numbers alone have in common."""
 
-    def __init__(self, model: CuttingModel, units: System) -> None:
+    def __init__(self, model: CuttingModel) -> None:
         leaves = jax.tree.leaves(model)
         # An own parameter may be an array, with one number for each of many impacts; a whole number is one like others.
         own = {parameter.leaf for parameter in own_parameters(model).values()} if leaves else ()
         scalar = jax.ShapeDtypeStruct((), np.float64)
         parameters = [scalar if i in own else struct_of(leaf) for i, leaf in enumerate(leaves) if is_number(leaf)]
-        super().__init__(model, parameters, units)
-        self.units: System = units
+        super().__init__(model, parameters)
         self.of_class = type(model)
 
     @property
@@ -208,12 +206,11 @@ def _nodes(structure: Structure) -> Iterator[tuple[type, object]]:
 
 def _trace(kind: _ModelKind, labels: Sequence[bytes]) -> tuple[Traced, PyTree]:
     """The trace of all methods of a model, which are checked, and shapes and types of its state."""
-    case = dataclasses.replace(TABLE_1, units=kind.units)
     trace = Traced(kind.joined, kind.parameters, labels)
 
     def given(name: str, method: Callable[..., PyTree], *state: PyTree) -> PyTree:
         """What a method of (model, p, …) gives."""
-        return trace.given(name, method, case, *state)
+        return trace.given(name, method, SI_CASE, *state)
 
     state = given("initial_state", lambda model, p: model.initial_state(p))
     require_numbers("initial_state", state)
@@ -296,7 +293,7 @@ class Cut(Problem):
 
     def equations(self, args: Case, parameters: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the model computes; the numbers are those of case and model, whichever are given."""
-        return _of_case(equations_of(args.model, args.p.units))
+        return _of_case(equations_of(args.model))
 
 
 # The same object each time, as what is kept for equations is known by them.

@@ -261,8 +261,8 @@ class DeformationWear(EnergyOfNormalMotion):
     """V_D with numbers of the target: `DeformationWear(specific_energy=3e9, threshold=9.0)` in a case in SI.
 
     Args:
-        specific_energy: ε, the deformation wear factor [stress], > 0, in the units of the case.
-        threshold: v_th, the normal speed below which an impact is elastic [speed], ≥ 0, in the units of the case.
+        specific_energy: ε, the deformation wear factor [Pa], > 0.
+        threshold: v_th, the normal speed below which an impact is elastic [m/s], ≥ 0.
     """
 
     specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress", least=0.0)
@@ -281,7 +281,7 @@ class ProportionalDeformationWear(EnergyOfNormalMotion):
 
     Args:
         energy_ratio: e = ε/(σψ) [-], > 0.
-        threshold: v_th [speed], ≥ 0, in the units of the case.
+        threshold: v_th [m/s], ≥ 0.
     """
 
     energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ", least=0.0)

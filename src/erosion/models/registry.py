@@ -32,7 +32,8 @@ from erosion.models.parts import (
 from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating, SpeedExponent
 from erosion.ode.problem import named
 from erosion.output import Record, briefly, to_plain
-from erosion.parameters import Parameters
+from erosion.parameters import QUANTITIES, Parameters
+from erosion.results import in_unit
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 
@@ -261,8 +262,10 @@ def called(given: str | Path | CuttingModel, model: CuttingModel) -> str:
 
 def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:
     """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
-    own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}
-    return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
+    own = {name: in_unit(parameter.value, parameter.quantity.size(p.shown_in))
+           for name, parameter in own_parameters(model).items() if name not in but}  # fmt: skip
+    case = {name: in_unit(getattr(p, name), quantity.size(p.shown_in)) for name, quantity in QUANTITIES.items()}
+    return to_plain({"model": model_name(model), "own_parameters": own, "parameters": {**case, "units": p.shown_in}})
 
 
 def _same_parts(model: CuttingModel, other: CuttingModel) -> bool:

@@ -54,7 +54,7 @@ from erosion.models.parts import (
     sincos,
 )
 from erosion.ode.step_control import require_xla
-from erosion.parameters import Parameters, conversion_factor
+from erosion.parameters import Parameters
 from erosion.results import Finding
 
 SPEED_EXPONENT = "speed_exponent"
@@ -501,12 +501,7 @@ class SpeedExponent(SameMotion):
 
     def factor(self, p: Parameters) -> Broadcast:
         """The factor on every volume [-]; NaN where n is negative, so that the impact fails."""
-        speed = p.v0 * conversion_factor("speed", p.units, "si") / _REFERENCE
-        return jnp.where(self.speed_exponent >= 0, speed ** (self.speed_exponent - 2), jnp.nan)
-
-    @property
-    def needs_units(self) -> bool:
-        return True
+        return jnp.where(self.speed_exponent >= 0, (p.v0 / _REFERENCE) ** (self.speed_exponent - 2), jnp.nan)
 
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         return self.motion.removal_rate(state, p) * self.factor(p)

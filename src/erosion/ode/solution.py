@@ -584,7 +584,7 @@ class Solution(Result):
         """A line for each lane, with the arguments and times that are its own."""
         of_lanes = (value for value in self.declare() if isinstance(value, Value))
         declared = [value.but(only="data") if value.only == "file" else value for value in of_lanes]
-        return render.csv(declared, self.lines)
+        return render.csv(declared, self.shown_in, self.lines)
 
     def to_dataset(self) -> "xr.Dataset":
         """Return an xarray dataset; numbers that differ from lane to lane are coordinates."""

@@ -13,7 +13,7 @@ from erosion.cfd.map_files import Identity, MapFormat, require_map_path
 from erosion.cfd.map_result import FACES, MapSummary
 from erosion.output import require_no_pdf, with_error, write_whole
 from erosion.pages.frame import inline_png, render_page
-from erosion.parameters import conversion_factor, readable_scale
+from erosion.parameters import readable_scale
 from erosion.plotting.maps import depth_of, in_scale, plot_map
 from erosion.plotting.style import render
 from erosion.results.render import tables
@@ -43,7 +43,10 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     path = require_map_path(path, has_surface="face" in wear.dims, formats=page_format())
     title = f"Wear of {Path(wear.attrs['surface']).name}"
     summary = MapSummary(wear)
-    totals = [(table.title, table.headings, table.rows, table.notes) for table in tables("Totals", summary.declare())]
+    totals = [
+        (table.title, table.headings, table.rows, table.notes)
+        for table in tables("Totals", summary.declare(), summary.shown_in)
+    ]
     options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
     source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
     source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
@@ -81,7 +84,6 @@ def _worst_faces(wear: xr.Dataset) -> _Table:
     scale, depth = in_scale(wear, name)
     errors, centre = depth * wear["relative_error"].values, wear["centre"].values
     length = readable_scale("length", "si", float(np.abs(centre).max()))
-    speed = conversion_factor("speed", wear.attrs["unit_system"], "si")
     rows = []
     for face in [face for face in np.argsort(-np.nan_to_num(depth), kind="stable")[:_WORST] if depth[face] > 0]:
         patch = wear["patch"].values[wear["face_patch"].values[face]]
@@ -89,7 +91,7 @@ def _worst_faces(wear: xr.Dataset) -> _Table:
         rows.append([
             f"{face:,}", str(patch), place, with_error(float(depth[face]), float(errors[face])),
             f"{int(wear['impacts'][face]):,}", f"{math.degrees(float(wear['alpha_mean'][face])):.3g}°",
-            f"{float(wear['v0_mean'][face]) * speed:.3g}",
+            f"{float(wear['v0_mean'][face]):.3g}",
         ])  # fmt: skip
     headings = ["face", "patch", f"x, y, z [{length.unit}]", f"{FACES[name].meaning.split(',')[0]} [{scale.unit}]",
                 "rows", "mean angle", "speed [m/s]"]  # fmt: skip

@@ -1,6 +1,6 @@
 """Case files: the parameters of an impact in TOML, with quantities as strings.
 
-    units = "inch-pound"          # of bare numbers, and of the results
+    units = "inch-pound"          # of bare numbers, and of the results as they are shown
     v0 = "4400 in/s"
     alpha = "20 deg"
     k = 2
@@ -34,10 +34,9 @@ from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.quantities import (
-    System,
     about,
     check_system,
-    conversion_factor,
+    exact_text,
     has_control_characters,
     has_unit,
     read_quantity,
@@ -61,10 +60,9 @@ class Tested:
     ranges: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], units: System) -> "Tested":
-        """Of numbers or arrays by name, in a unit system."""
-        in_si = _in_si(values, units)
-        return cls({name: (float(np.min(rows)), float(np.max(rows))) for name, rows in in_si.items()})
+    def of(cls, values: Mapping[str, Any]) -> "Tested":
+        """Of numbers or arrays by name."""
+        return cls({name: (float(np.min(rows)), float(np.max(rows))) for name, rows in values.items()})
 
     @classmethod
     def read(cls, table: Any) -> "Tested":
@@ -79,7 +77,7 @@ class Tested:
             are_texts = isinstance(ends, list) and all(isinstance(end, str) and has_unit(end) for end in ends)
             if name not in _SIDES or not are_texts or len(ends) != 2:
                 raise ValueError(f"{example}, but is {briefly(table)}")
-            low, high = (read_quantity(end, QUANTITIES[name].dimension, "si") for end in ends)
+            low, high = (read_quantity(end, QUANTITIES[name].dimension) for end in ends)
             if not 0 < low <= high < np.inf:
                 raise ValueError(f"{example}, but is {briefly(table)}")
             ranges[name] = low, high
@@ -94,9 +92,9 @@ class Tested:
             listed.append(f"{name} = [{low}, {high}]")
         return f"{{ {', '.join(listed)} }}"
 
-    def outside(self, values: Mapping[str, Any], units: System = "si", about: str = "") -> list[Finding]:
+    def outside(self, values: Mapping[str, Any], about: str = "") -> list[Finding]:
         """Findings on values, numbers or arrays by name, that lie outside: "120 m/s is 1.33 × the fastest test"."""
-        found, values = [], _in_si(values, units)
+        found = []
         for name, (low, high) in self.ranges.items():
             if name in values:
                 least, most = float(np.min(values[name])), float(np.max(values[name]))
@@ -108,11 +106,6 @@ class Tested:
                         numbers = {"value": value, "shown": shown, "ratio": value / end, "side": side}
                         found.append(Finding("outside_of_tests", about, {"parameter": name, **numbers}))
         return found
-
-
-def _in_si(values: Mapping[str, Any], units: System) -> dict[str, Any]:
-    return {name: np.asarray(value) * conversion_factor(QUANTITIES[name].dimension, units, "si")
-            for name, value in values.items()}  # fmt: skip
 
 
 TEXT_KEYS = ("title", "units", "particle", "target")
@@ -158,7 +151,7 @@ class CaseFile:
         return cls(path, with_paths(read_toml(path, CaseError), functools.partial(beside, path)))
 
     def parameters(self) -> Parameters:
-        """The validated parameters in the file's units; see `load_case`.
+        """The validated parameters, shown in the file's units; see `load_case`.
 
         Raises:
             CaseError: one sentence naming the file and the field.
@@ -283,7 +276,7 @@ class CaseFile:
             CaseError: as of `tested`.
         """
         names = ("v0", "m", "alpha") if angle else ("v0", "m")
-        return self.tested.outside({name: getattr(p, name) for name in names}, p.units, str(self.path))
+        return self.tested.outside({name: getattr(p, name) for name in names}, str(self.path))
 
     def section(self, name: str) -> dict[str, Any]:
         """The table `[name]`, empty where there is none.
@@ -306,8 +299,8 @@ def load_case(path: str | Path) -> Parameters:
             `set` `CaseFile.model`. Tables for other verbs (`SECTIONS`) may stand below them.
 
     Returns:
-        Validated parameters, in the file's units (SI where it names none); a mass that fits no body of the size is a
-        `SizeWarning`.
+        Validated parameters, shown in the file's units (SI where it names none); a mass that fits no body of the size
+        is a `SizeWarning`.
 
     Raises:
         CaseError: one sentence naming the file and the field, for a file that cannot be
@@ -364,12 +357,18 @@ def dump_case(p: Parameters, title: str = "") -> str:
     """
     require_scalars(p)
     lines = [f"title = {toml_string(title)}"] if title else []
-    lines.append(f'units = "{p.units}"')
+    lines.append(f'units = "{p.shown_in}"')
     for name, quantity in QUANTITIES.items():
-        unit = unit_name(quantity.dimension, p.units)
+        unit = unit_name(quantity.dimension, p.shown_in)
         comment = f"{quantity.meaning} [{unit}]" if unit else quantity.meaning
-        lines.append(f"{name} = {float(getattr(p, name))!r}  # {comment}")
+        number = _number(exact_text(float(getattr(p, name)), quantity.dimension, p.shown_in))
+        lines.append(f"{name} = {number}  # {comment}")
     return "\n".join(lines) + "\n"
+
+
+def _number(text: str) -> str:
+    """A number of `exact_text`, in quotes where it has a unit."""
+    return toml_string(text) if has_unit(text) else text
 
 
 def dump_per_mass(per_mass: PerMass) -> str:
@@ -379,14 +378,14 @@ def dump_per_mass(per_mass: PerMass) -> str:
     return f"{density}cutting_fraction = {per_mass.cutting_fraction!r}  # share of the particles that cut\n"
 
 
-def dump_model(source: str, own: Mapping[str, float]) -> str:
+def dump_model(source: str, own: Mapping[str, str]) -> str:
     """The lines of a case file that `CaseFile.model` reads back.
 
     Args:
         source: the model's name, or the path of its file as the case file gives it.
-        own: the values of the model's own parameters, by name.
+        own: the values of the model's own parameters, by name, as `exact_text` writes them for the case.
     """
-    values = ", ".join(f"{toml_string(name) if '.' in name else name} = {value!r}" for name, value in own.items())
+    values = ", ".join(f"{toml_string(name) if '.' in name else name} = {_number(text)}" for name, text in own.items())
     return f"model = {toml_string(source)}\n" + (f"set = {{ {values} }}\n" if own else "")
 
 
@@ -410,10 +409,10 @@ def _parameters(table: Mapping[str, Any]) -> Parameters:
             )
     system = check_system(table.get("units", "si"))
     grit, metal = (
-        read(table[name]).parameters(system) if name in table else {}
+        read(table[name]).parameters if name in table else {}
         for name, read in (("particle", particle), ("target", target))
     )
-    return Parameters.from_quantities(system, grit | metal | quantities)
+    return Parameters.from_quantities(system, quantities, grit | metal)
 
 
 @contextlib.contextmanager

@@ -16,14 +16,19 @@ import numpy as np
 from erosion.arguments import refuse
 from erosion.output.files import read_toml
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import Dimension, System, about, conversion_factor, read_quantity
+from erosion.parameters.quantities import Dimension, InSI, about, read_quantity, unit_size
 from erosion.results import Finding
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
-    {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
-)
-"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]; they are targets, too: `p.with_target("copper")`."""
-# materials.toml has them as well, in Pa; a test compares.
+    {
+        metal: number * unit_size("stress", "inch-pound")
+        for metal, number in {
+            "mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3
+        }.items()
+    }
+)  # fmt: skip
+"""Flow stress [Pa] of the metals of Laverty, Table 2; they are targets, too: `p.with_target("copper")`."""
+# materials.toml has them as well; a test compares.
 
 VICKERS = 9.80665e6
 """A Vickers hardness of 1 kgf/mm² [Pa]."""
@@ -100,10 +105,10 @@ class Particle:
         """ρ π d³/6 [kg]."""
         return self.density * math.pi * self.size**3 / 6
 
-    def parameters(self, units: System) -> dict[str, float]:
-        """r, b, m and β of this sphere, in the units of a case."""
-        radius, mass = self.radius / conversion_factor("length", units, "si"), self.mass
-        return {"r": radius, "b": radius, "m": mass / conversion_factor("mass", units, "si"), "inertia": _SPHERE}
+    @property
+    def parameters(self) -> InSI:
+        """r, b, m and β of this sphere."""
+        return InSI(r=self.radius, b=self.radius, m=self.mass, inertia=_SPHERE)
 
     def __str__(self) -> str:
         return f"{self.name} {self.size * 1e3:.6g} mm"
@@ -143,11 +148,10 @@ class Target:
         """σψ/2 [Pa], the flow stress of this metal at ψ = 2."""
         return self.flow_stress * self.psi / CONTACT_RATIO
 
-    def parameters(self, units: System) -> dict[str, float]:
-        """σ and ψ, in the units of a case."""
-        # To fifteen digits, so that no conversion makes 10000.000000000002 of a table's 10000.
-        sigma = float(f"{self.flow_stress / conversion_factor('stress', units, 'si'):.15g}")
-        return {"sigma": sigma, "psi": self.psi}
+    @property
+    def parameters(self) -> InSI:
+        """σ and ψ."""
+        return InSI(sigma=self.flow_stress, psi=self.psi)
 
     def density_beside(self, given: float | None) -> float | None:
         """The density [kg/m³] that counts: a given one, which must be of this metal, or the table's.
@@ -201,7 +205,7 @@ def particle(text: "str | Particle") -> Particle:
         )
     entry = _particle_entry(match["name"], file)
     with about("Argument `particle`"):
-        size = read_quantity(match["size"], "length", "si")
+        size = read_quantity(match["size"], "length")
     wish = "positive size" if size <= 0 else f"size from {_SMALLEST:g} m to {_LARGEST:g} m"
     if not _SMALLEST <= size <= _LARGEST:
         raise ValueError(f"Argument `particle` must have a {wish}, but is {briefly(text)}.")
@@ -266,12 +270,12 @@ def known_targets(file: Path | None = None) -> list[str]:
     return list(_table(file)["targets"])
 
 
-def implausible_body(mass: Any, radius: Any, width: Any) -> Finding | None:
-    """The finding where no body of a plausible density has this mass and this size; arrays broadcast [SI]."""
+def implausible_body(m: Any, r: Any, b: Any) -> Finding | None:
+    """The finding where no body of a plausible density has this mass and this size; arrays broadcast."""
     # No body that reaches no further than r from its centre is larger than this cylinder.
-    largest = np.pi * np.square(radius) * np.maximum(width, 2 * np.asarray(radius))
+    largest = np.pi * np.square(r) * np.maximum(b, 2 * np.asarray(r))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-        density = np.ravel(np.asarray(mass) / largest)
+        density = np.ravel(np.asarray(m) / largest)
     density = density[np.isfinite(density) & (density > 0)]
     if density.size and density.max() > HEAVIEST:
         return Finding("too_heavy", numbers={"density": density.max(), "bound": HEAVIEST})

@@ -31,13 +31,19 @@ from erosion.parameters.materials import (
 from erosion.parameters.quantities import (
     QUANTITIES,
     STEEPEST,
+    InSI,
+    Quantity,
     System,
     about,
+    ascii_unit,
     check_system,
-    conversion_factor,
+    example,
+    read_axis,
     read_quantity,
+    unit_name,
+    unit_size,
 )
-from erosion.results import Finding, Result, Value
+from erosion.results import Finding, Result, Value, in_unit
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
@@ -77,24 +83,27 @@ class SizeWarning(UserWarning):
 
 
 class Parameters(Result, eqx.Module):
-    """Particle, target and impact: the symbols of the scenario's equations, as float64 leaves.
+    """Particle, target and impact: the symbols of the scenario's equations, as float64 leaves in SI.
 
-    Any consistent unit system works; `units` names the one these numbers are in. Leaves are
-    scalars, or arrays that broadcast against each other. Values are not checked here (a
+    `shown_in` says in which unit system results are shown. Leaves are scalars, or arrays that
+    broadcast against each other. Values are not checked here (a
     constructor must work on JAX's tracers); see `validate`.
 
     Args:
         k: force ratio F_y/F_x [-], > 0.
         psi: contact height over the tip's depth ψ = l/y_tip [-], > 0.
-        r: distance from the centre of mass to the tip [length], > 0.
-        b: width of the particle out of the plane [length], > 0.
-        m: mass of the particle [mass], > 0.
-        v0: impact speed [speed], > 0.
-        sigma: flow stress of the target σ [stress], > 0.
+        r: distance from the centre of mass to the tip [m], > 0.
+        b: width of the particle out of the plane [m], > 0.
+        m: mass of the particle [kg], > 0.
+        v0: impact speed [m/s], > 0.
+        sigma: flow stress of the target σ [Pa], > 0.
         alpha: angle of attack from the surface [rad], in (0, π/2].
         phidot0: initial spin φ̇(0) [rad/s]; positive spin moves the tip forward.
         inertia: β in I = β m r² [-], > 0; ½ for the scenario's flat cylinder, 2/5 for a sphere.
-        units: "inch-pound" (in, s, lbf, slinch) or "si".
+        shown_in: the unit system of results, "si" or "inch-pound" (in, s, lbf, slinch).
+
+    Raises:
+        TypeError: for `units`, which does not say whether the numbers are in these units.
 
     References:
         Laverty, Table 1 and equations (16)-(21). The scenario fixes β = ½; here it is free.
@@ -110,11 +119,30 @@ class Parameters(Result, eqx.Module):
     alpha: Leaf = _parameter("alpha")
     phidot0: Leaf = _parameter("phidot0", default=0.0)
     inertia: Leaf = _parameter("inertia", default=0.5)
-    units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
+    shown_in: System = eqx.field(
+        static=True, default="si", converter=functools.partial(check_system, argument="shown_in")
+    )
+
+    def __new__(cls, *args: object, **fields: object) -> "Parameters":
+        """Refuse `units`; all else is for the constructor."""
+        if "units" in fields:
+            raise TypeError(
+                "Argument `units` must be left out, as `Parameters` takes numbers in SI: give `shown_in` to show "
+                "results in other units; numbers in other units are read by "
+                '`Parameters.from_quantities("inch-pound", {...})`.'
+            )
+        return super().__new__(cls)
 
     @classmethod
-    def from_quantities(cls, units: str, quantities: Mapping[str, int | float | str]) -> "Parameters":
-        """Make parameters from numbers (in `units`) and strings such as "4400 in/s".
+    def from_quantities(
+        cls, units: str, quantities: Mapping[str, int | float | str], others: Mapping[str, float] | None = None
+    ) -> "Parameters":
+        """Make parameters from numbers in the unit system `units` and strings such as "4400 in/s".
+
+        Args:
+            units: the system of the numbers, in which results are shown as well.
+            quantities: by parameter.
+            others: parameters that `quantities` lacks [SI].
 
         Raises:
             ValueError: for an unknown or missing name, or a quantity that cannot be read, has
@@ -124,35 +152,45 @@ class Parameters(Result, eqx.Module):
         for name in quantities:
             if name not in QUANTITIES:
                 raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join(QUANTITIES)}.")
-        values: dict[str, float] = {}
+        values: dict[str, float] = {**(others or {})}
         for name, value in quantities.items():
             if isinstance(value, str):
                 with about(f"Field `{name}`"):
                     values[name] = read_quantity(value, QUANTITIES[name].dimension, system)
             elif isinstance(value, (int, float)) and not isinstance(value, bool):
                 try:
-                    values[name] = float(value)
+                    values[name] = float(value) * unit_size(QUANTITIES[name].dimension, system)
                 except OverflowError:  # an integer of more than 308 digits
                     values[name] = np.inf
             else:
                 raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {briefly(value)}.")
         if missing := [name for name in REQUIRED if name not in values]:
             raise ValueError(f"Field `{missing[0]}` ({QUANTITIES[missing[0]].meaning}) is missing.")
-        parameters = cls(**values, units=system)
+        parameters = cls(**values, shown_in=system)
         validate(parameters, what="Field")
         return parameters
 
     def replace(self, **changes: object) -> "Parameters":
-        """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units.
+        """A copy with some fields changed: `p.replace(alpha=0.5, v0="2200 in/s")`.
 
         A change of r, b or m alone, after which no body of a plausible density has this mass and this size, is a
-        `SizeWarning`. `dataclasses.replace` is the same without it.
+        `SizeWarning`.
+
+        Args:
+            **changes: SI numbers or arrays, or texts with units: a quantity, a list of them, or what an axis of a sweep
+                may be, "80 m/s : 120 m/s : 5". Where results are shown in inch-pound units r, b, m, v0 and σ must be
+                texts: `p.to("si").replace(v0=55.88)` takes SI numbers.
+
+        Raises:
+            TypeError: for a name that is no parameter.
+            ValueError: for a bare number of which nobody knows the unit, and a text that cannot be read.
         """
         unknown = [name for name in changes if name not in QUANTITIES]
         if unknown:
-            hint = '; use `p.to("si")` to convert units' if unknown[0] == "units" else ""
+            hint = '; use `p.to("si")` to show results in other units' if unknown[0] in ("units", "shown_in") else ""
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
-        changed = dataclasses.replace(self, **changes)
+        numbers = {name: si_numbers(name, value, QUANTITIES[name], self.shown_in) for name, value in changes.items()}
+        changed = dataclasses.replace(self, **numbers)
         if not _BODY.isdisjoint(changes):
             warn_of_size(changed, before=self)
         return changed
@@ -162,7 +200,7 @@ class Parameters(Result, eqx.Module):
         return dataclasses.replace(self, r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
 
     def with_particle(self, particle: str | Particle) -> "Parameters":
-        """Return the impact by another particle, in this unit system: r, b, m and β of a sphere.
+        """Return the impact by another particle: r, b, m and β of a sphere.
 
             p.with_particle("garnet 0.3 mm")
 
@@ -172,10 +210,10 @@ class Parameters(Result, eqx.Module):
         Raises:
             ValueError: for a material that the table lacks, or a size that cannot be read.
         """
-        return self.replace(**read_particle(particle).parameters(self.units))
+        return dataclasses.replace(self, **read_particle(particle).parameters)
 
     def with_target(self, target: str | Target) -> "Parameters":
-        """Return the impact on another target, in this unit system: σ and ψ.
+        """Return the impact on another target: σ and ψ.
 
             p.with_target("aluminium 6061")
 
@@ -185,16 +223,11 @@ class Parameters(Result, eqx.Module):
         Raises:
             ValueError: for a metal that the table lacks.
         """
-        return self.replace(**read_target(target).parameters(self.units))
+        return dataclasses.replace(self, **read_target(target).parameters)
 
     def to(self, units: str) -> "Parameters":
-        """Convert the case to another unit system; `CuttingModel.to` converts a model's own parameters with it."""
-        system = check_system(units)
-        converted = {
-            name: getattr(self, name) * conversion_factor(quantity.dimension, self.units, system)
-            for name, quantity in QUANTITIES.items()
-        }
-        return dataclasses.replace(self, **converted, units=system)
+        """The same case, with results in another unit system; no number changes."""
+        return dataclasses.replace(self, shown_in=check_system(units))
 
     @property
     def size_finding(self) -> Finding | None:
@@ -205,9 +238,7 @@ class Parameters(Result, eqx.Module):
         sizes = {name: getattr(self, name) for name in _BODY}
         if any(isinstance(leaf, Tracer) for leaf in sizes.values()):
             return None
-        in_si = {name: np.asarray(leaf) * conversion_factor(QUANTITIES[name].dimension, self.units, "si")
-                 for name, leaf in sizes.items()}  # fmt: skip
-        return implausible_body(in_si["m"], in_si["r"], in_si["b"])
+        return implausible_body(**sizes)
 
     @property
     def stiffness(self) -> Broadcast:
@@ -226,7 +257,7 @@ class Parameters(Result, eqx.Module):
 
     @property
     def volume_scale(self) -> Broadcast:
-        """V* = m v₀²/(σψ) [volume], on which every volume scales."""
+        """V* = m v₀²/(σψ) [m³], on which every volume scales."""
         return self.m * self.v0**2 / (self.sigma * self.psi)
 
     @property
@@ -236,16 +267,63 @@ class Parameters(Result, eqx.Module):
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={abbreviate(getattr(self, name))}" for name in QUANTITIES)
-        return f"Parameters({values}, units={self.units!r})"
+        return f"Parameters({values}, shown_in={self.shown_in!r})"
 
     @property
     def title(self) -> str:
         """The title of the table."""
-        return f"Parameters ({self.units})"
+        return f"Parameters ({self.shown_in})"
 
     def declare(self) -> list[Value]:
         """Each field."""
-        return [quantity.declare(name, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
+        return [quantity.declare(name, getattr(self, name)) for name, quantity in QUANTITIES.items()]
+
+
+def si_numbers(name: str, value: object, quantity: Quantity, shown_in: System) -> object:
+    """A value of a parameter in SI: a text is read, and a number or an array, also a traced one, is returned as it is.
+
+    Args:
+        name: of the parameter.
+        value: from the caller's program.
+        quantity: the parameter's.
+        shown_in: the unit system that shows the case.
+
+    Raises:
+        ValueError: for a bare number where the unit systems differ and the case is shown in another one than SI, for a
+            text without a unit, and for one that cannot be read.
+    """
+    if isinstance(value, str) or (isinstance(value, (list, tuple)) and any(isinstance(each, str) for each in value)):
+        with about(f"Argument `{name}`"):
+            return read_axis(value, quantity.dimension, bare=None)
+    if shown_in == "si" or quantity.size(shown_in) == 1:
+        return value
+    if not isinstance(value, (int, float)):
+        remedy = f"texts such as {name}={example(quantity.dimension, shown_in)}"
+        given = "bare numbers"
+    else:
+        typed = f"{value:g} {ascii_unit(unit_name(quantity.dimension, shown_in))}"
+        given, remedy = f"the bare number {value:g}", f'{name}="{typed}"'
+    raise ValueError(
+        f"Argument `{name}` must have a unit, as the case is shown in {shown_in} units, but is {given}: give {remedy}, "
+        f'or numbers in SI to the case `p.to("si")`.'
+    )
+
+
+def in_si(values: Mapping[str, Any] | None, known: Mapping[str, Quantity], shown_in: System) -> InSI:
+    """Values by name in SI, each read as `Parameters.replace` reads it; an `InSI` is returned as it is.
+
+    Args:
+        values: numbers, arrays or texts with units.
+        known: the quantities; values of other names are not looked at.
+        shown_in: the unit system that shows the case.
+
+    Raises:
+        ValueError: see `si_numbers`.
+    """
+    if isinstance(values, InSI):
+        return values
+    return InSI({name: si_numbers(name, value, known[name], shown_in) if name in known else value
+                 for name, value in (values or {}).items()})  # fmt: skip
 
 
 def warn_of_size(p: Parameters, before: Parameters | None = None) -> None:
@@ -304,7 +382,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if batch and values.ndim:
             good = good | ~np.isfinite(values)
         if not (good.all() if values.ndim else good):
-            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(name, values, good)}.")
+            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(name, values, good, p.shown_in)}.")
     try:
         np.broadcast_shapes(*(np.shape(leaf) for leaf in leaves.values()))
     except ValueError:
@@ -346,11 +424,14 @@ def require_parameters(p: object) -> None:
         raise TypeError(f"Argument `p` must be Parameters, but is {briefly(p)}.")
 
 
-def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_) -> str:
-    """The first value that is not good, and where it is; angles in degrees."""
+def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_, shown_in: System) -> str:
+    """The first value that is not good, and where it is; angles in degrees, others with their unit if it is not SI."""
     index = tuple(int(i) for i in np.argwhere(~good)[0]) if values.ndim else ()
     value = float(values[index])
+    quantity = QUANTITIES[name]
     text = f"{value:g}"
+    if quantity.size(shown_in) != 1 and np.isfinite(value):
+        text = f"{in_unit(value, quantity.size(shown_in)):g} {unit_name(quantity.dimension, shown_in)}"
     if name == "alpha" and np.isfinite(value):
         text = f"{np.rad2deg(value):g}°"
         # Somebody has written 20 and meant degrees.
@@ -360,7 +441,8 @@ def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_) -> st
     return f"{text} at index {index[0] if len(index) == 1 else index}"
 
 
-TABLE_1 = Parameters(
-    k=2.0, psi=0.04, r=0.04, b=0.04, m=2.855e-7, v0=4400.0, sigma=200e3, alpha=np.deg2rad(20.0), units="inch-pound"
+TABLE_1 = Parameters.from_quantities(
+    "inch-pound",
+    {"k": 2, "psi": 0.04, "r": 0.04, "b": 0.04, "m": 2.855e-7, "v0": 4400, "sigma": 200e3, "alpha": np.deg2rad(20.0)},
 )
 """Quartz sand on aluminium: Laverty, Table 1 (initial spin 0, flat cylinder β = ½)."""

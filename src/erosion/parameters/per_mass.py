@@ -14,7 +14,7 @@ from erosion.arguments import PerImpact
 from erosion.output.tables import briefly, first_of
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import RESULTS, Scale, conversion_factor, has_unit, read_quantity
+from erosion.parameters.quantities import RESULTS, Scale, has_unit, read_quantity
 from erosion.results import Finding, Value
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
@@ -85,12 +85,11 @@ class PerMass:
         return cls(target(name).density, cutting_fraction)
 
     def specific_volume(self, volume: Any, p: Parameters) -> PerImpact:
-        """Removed volume per mass of particles [m³/kg], of volumes in the units of `p`; they broadcast with p.m."""
-        ratio = np.asarray(volume) / np.asarray(p.m)
-        return self.cutting_fraction * ratio * conversion_factor("volume per mass", p.units, "si")
+        """Removed volume per mass of particles [m³/kg], of volumes [m³]; they broadcast with p.m."""
+        return self.cutting_fraction * (np.asarray(volume) / np.asarray(p.m))
 
     def erosion_ratio(self, volume: Any, p: Parameters) -> PerImpact:
-        """Mass loss per mass of particles [kg/kg], of volumes in the units of `p`; they broadcast with p.m.
+        """Mass loss per mass of particles [kg/kg], of volumes [m³]; they broadcast with p.m.
 
         Raises:
             ValueError: without a density.
@@ -103,8 +102,8 @@ class PerMass:
         """Volume and, where the density is known, mass per mass of particles; in tables in mm³/kg and g/kg."""
         is_beyond = self.is_beyond_tests(volume, p)
         return [
-            RESULTS[name].declare(
-                name, value, "si", scale=PER_MASS_SCALES[name], meaning=self.meaning_of(name, is_beyond=is_beyond)
+            RESULTS[name].in_si(
+                name, value, scale=PER_MASS_SCALES[name], meaning=self.meaning_of(name, is_beyond=is_beyond)
             )
             for name, value in self.to_dict(volume, p).items()
         ]
@@ -124,8 +123,8 @@ class PerMass:
     def finding(self, volume: Any, p: Parameters) -> Finding | None:
         """The finding where the greatest erosion is far from what tests find at this speed, else None.
 
-        None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes in the
-        units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
+        None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes
+        [m³] broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
         return far.finding() if far else None
@@ -137,9 +136,8 @@ class PerMass:
 
     def far_from_tests(self, volume: Any, p: Parameters, *, of_any: bool = False) -> "FarFromTests | None":
         """The same in numbers; with `of_any` also where no amount is asked for."""
-        speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
         is_asked = of_any or self.is_given
-        return far_from_tests(self.specific_volume(volume, p), speed, self.density) if is_asked else None
+        return far_from_tests(self.specific_volume(volume, p), p.v0, self.density) if is_asked else None
 
     def is_beyond_tests(self, volume: Any, p: Parameters) -> bool:
         """Whether the greatest erosion is more than ten times what any test finds; see `FarFromTests.is_beyond`."""
@@ -240,4 +238,4 @@ def read_density(text: Any) -> float:
     """
     if not isinstance(text, str) or not has_unit(text):
         raise ValueError(f'must be a density with its unit, such as "2.7 g/cm^3", but is {briefly(text)}')
-    return read_quantity(text, "density", "si")
+    return read_quantity(text, "density")

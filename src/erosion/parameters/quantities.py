@@ -1,8 +1,8 @@
 """Numbers with units: the two unit systems, the units in which numbers read well, and the name of every number.
 
-Numbers inside the package are plain floats in one consistent system; a `Parameters` carries the name of its system.
-Units appear at the edges: case files, the command line, tables and axis labels. This is the only place where pint is
-used. The module loads without JAX, so that the command line can make its options from it.
+Numbers inside the package are plain floats in SI; a `Parameters` carries the name of the system in which results are
+shown. Other units appear at the edges: case files, the command line, tables and axis labels. This is the only place
+where pint is used. The module loads without JAX, so that the command line can make its options from it.
 
 "1deg : 90deg : 90"           90 values, evenly from 1° to 90°
 "100 m/s : 1000 m/s : 5 : log"  5 values at even ratios
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from erosion.output.tables import briefly
-from erosion.results import Scale as Scale, Value
+from erosion.results import Scale as Scale, System as System, Value, in_unit
 
 Named = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
@@ -76,7 +76,6 @@ def factors(dimension: Product) -> Iterator[tuple[str, Named, int]]:
 if TYPE_CHECKING:
     import pint
 
-System = Literal["inch-pound", "si"]
 SYSTEMS: tuple[System, ...] = get_args(System)
 
 # pint's name of each dimension's unit. The inch-pound-second system is consistent only with
@@ -130,12 +129,12 @@ class UnitError(ValueError):
     """A quantity that cannot be read, or of the wrong dimension."""
 
 
-def check_system(units: str) -> System:
-    """The unit system that `units` names, in small or capital letters ("SI"), else raise `ValueError`."""
+def check_system(units: str, argument: str = "units") -> System:
+    """The unit system that an argument names, in small or capital letters ("SI"), else raise `ValueError`."""
     for system in SYSTEMS:
         if isinstance(units, str) and units.lower() == system:
             return system
-    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {briefly(units)}.")
+    raise ValueError(f"Argument `{argument}` must be one of {', '.join(map(repr, SYSTEMS))}, but is {briefly(units)}.")
 
 
 def _pint_unit(dimension: Dimension, system: System) -> str:
@@ -170,18 +169,14 @@ def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> s
 
 
 @functools.cache
-def conversion_factor(dimension: Dimension, source: System, target: System) -> float:
-    """The factor from `source` units to `target` units."""
-    if source == target:
+def unit_size(dimension: Dimension, system: System) -> float:
+    """The size of a system's unit in SI: 0.0254 of the inch."""
+    if system == "si":
         return 1.0
-    if isinstance(dimension, Product):
-        sizes = [
-            (sign, conversion_factor(name, "inch-pound", "si") ** power) for sign, name, power in factors(dimension)
-        ]
-        factor = math.prod(1 / size if sign == "/" else size for sign, size in sizes)
-    else:
-        factor = _INCH_POUND_IN_SI.get(dimension, 1.0)
-    return factor if target == "si" else 1 / factor
+    if not isinstance(dimension, Product):
+        return _INCH_POUND_IN_SI.get(dimension, 1.0)
+    sizes = [(sign, unit_size(name, system) ** power) for sign, name, power in factors(dimension)]
+    return math.prod(1 / size if sign == "/" else size for sign, size in sizes)
 
 
 def has_unit(text: str) -> bool:
@@ -202,10 +197,14 @@ def example(dimension: Dimension, system: System) -> str:
     return _EXAMPLES[system].get(dimension, "2")
 
 
-def read_quantity(text: str, dimension: Dimension, system: System) -> float:
-    """Read "4400 in/s" as a float in the units of `system`.
+def read_quantity(text: str, dimension: Dimension, bare: System | None = "si") -> float:
+    """Read "4400 in/s" as a float in SI.
 
-    A bare number is taken to be in the system's own unit (angles: radians).
+    Args:
+        text: the quantity.
+        dimension: that it must have.
+        bare: the unit system of a bare number (angles: radians), and of the example in messages. None: a bare number is
+            refused, but for pure numbers.
 
     Raises:
         UnitError: with a clause that starts with "must", to follow the field's name.
@@ -213,9 +212,9 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     import pint
 
     registry: Any = _registry()
-    unit = _pint_unit(dimension, system)
+    unit = _pint_unit(dimension, "si")
     article = "an" if dimension[0] == "a" else "a"
-    expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, system)}"
+    expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, bare or 'si')}"
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
     parts = _parts(text)
     if parts is None:
@@ -223,7 +222,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     number, given = float(parts["number"]), _POWERLESS.sub(r"\1^\2", parts["unit"].strip())
     given = _MIL.sub("thou", given)
     if not given:
-        return number
+        return number * _bare_size(dimension, bare, text)
     # pint passes over what it does not know, such as the sign that stands for a µ which was lost.
     if _NO_UNIT.search(given):
         raise UnitError(f"must be {expected}, but {_unreadable(text)}")
@@ -232,6 +231,9 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         units = registry.parse_units(given)
         if units.dimensionality == registry.parse_units(unit or "dimensionless").dimensionality:
             _check_angles(dict(units._units), dimension, f"must be {expected}, but is {briefly(text)}")
+        for system in SYSTEMS:  # as a bare number there, to the last bit
+            if units == registry.parse_units(_pint_unit(dimension, system) or "dimensionless"):
+                return number * unit_size(dimension, system)
         return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
         dimensions = str(registry.parse_units(given).dimensionality).replace(" ** ", "^")
@@ -245,16 +247,31 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         raise UnitError(f"must be {expected}, but {_unreadable(text)}") from error
 
 
-def read_removal(text: str, dimension: Dimension, system: System) -> float:
+def _bare_size(dimension: Dimension, bare: System | None, number: object) -> float:
+    """The size in SI of the unit of a bare number; see `read_quantity`."""
+    if bare is None and dimension != "1":
+        raise UnitError(f"must have a unit, such as {example(dimension, 'si')}, but has {briefly(number)}")
+    return unit_size(dimension, bare or "si")
+
+
+def exact_text(value: float, dimension: Dimension, bare: System) -> str:
+    """The text that `read_quantity` reads back to the last bit: a bare number, or one in SI where none is the same."""
+    near, size = in_unit(value, unit_size(dimension, bare)), unit_size(dimension, bare)
+    if near * size == value:
+        return repr(near)
+    return f"{value!r} {ascii_unit(unit_name(dimension, 'si'))}"
+
+
+def read_removal(text: str, dimension: Dimension, bare: System = "si") -> float:
     """As `read_quantity`, of an erosion: a volume or mass may be that of an impact, "0.3 mg/impact", and is one then.
 
     Raises:
         UnitError: with a clause that starts with "must".
     """
     if dimension not in ("volume", "mass") or "impact" not in text:
-        return read_quantity(text, dimension, system)
+        return read_quantity(text, dimension, bare)
     try:
-        return read_quantity(f"{text} * impact", dimension, system)
+        return read_quantity(f"{text} * impact", dimension, bare)
     except UnitError as error:
         raise UnitError(f"must be a {dimension} per impact, but is {briefly(text)}") from error
 
@@ -346,7 +363,7 @@ def _registry() -> "pint.UnitRegistry":
 
 
 _DEGREE = math.pi / 180
-_POUND = 0.45359237 / conversion_factor("mass", "inch-pound", "si")  # lb in slinch
+_POUND = 0.45359237 / _SLINCH  # lb in slinch
 
 _NAMED: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
     **{("time", units): (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)) for units in SYSTEMS},
@@ -374,12 +391,12 @@ _ANY_SIZE = ("1", "angle", "speed", "angular speed", "rate", "density")
 _PER_ANGLE = {"volume per angle": ("°", _DEGREE), "volume per angle²": ("°²", _DEGREE**2)}
 
 
-def known_scales(dimension: Dimension, units: System) -> list[Scale]:
+def known_scales(dimension: Dimension, system: System) -> list[Scale]:
     """The units in which a reader may give numbers of a dimension: the consistent one first, then others by name."""
-    key = (dimension, units)
+    key = (dimension, system)
     named = (*_NAMED.get(key, ()), *_RARE.get(key, ()), *([_BASES[key]] if key in _BASES else ()))
-    sizes = {unit_name(dimension, units): 1.0} | dict(named)
-    return [Scale(size, unit) for unit, size in sizes.items()]
+    sizes = {unit_name(dimension, system): 1.0} | dict(named)
+    return [Scale(size * unit_size(dimension, system), unit) for unit, size in sizes.items()]
 
 
 def superscript(exponent: int) -> str:
@@ -387,54 +404,62 @@ def superscript(exponent: int) -> str:
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale:
-    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "10⁻⁴ in³/°".
+def readable_scale(dimension: Dimension, system: System, largest: float) -> Scale:
+    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "10⁻⁴ in³/°", with its size in SI.
 
     Args:
         dimension: the dimension of the numbers.
-        units: the unit system of `largest`.
-        largest: the greatest magnitude to show; 0 or a number that is not finite gives the
+        system: the unit system that shows them.
+        largest: the greatest magnitude to show [SI]; 0 or a number that is not finite gives the
             base unit.
     """
-    return _scale(dimension, units, largest, (1e-3 if (dimension, units) == ("length", "inch-pound") else 0.5, 1e3))
+    plain = (1e-3 if (dimension, system) == ("length", "inch-pound") else 0.5, 1e3)
+    return _sized(dimension, system, largest, plain)
 
 
-def table_scale(dimension: Dimension, units: System, largest: float) -> Scale:
+def table_scale(dimension: Dimension, system: System, largest: float) -> Scale:
     """As `readable_scale`, for a table: numbers from a thousandth to a million need no power of ten."""
-    return Scale(1.0, "") if dimension == "1" else _scale(dimension, units, largest, (1e-3, 1e6))
+    return Scale(1.0, "") if dimension == "1" else _sized(dimension, system, largest, (1e-3, 1e6))
 
 
-def _scale(dimension: Dimension, units: System, largest: float, plain: tuple[float, float]) -> Scale:
+def _sized(dimension: Dimension, system: System, largest: float, plain: tuple[float, float]) -> Scale:
     """See `readable_scale`; numbers within `plain` need no power of ten."""
+    size = unit_size(dimension, system)
+    scale = _scale(dimension, system, largest / size, plain)
+    return Scale(scale.size * size, scale.unit)
+
+
+def _scale(dimension: Dimension, system: System, largest: float, plain: tuple[float, float]) -> Scale:
+    """The same of numbers in the system's own unit; so is the size."""
     if dimension in _PER_ANGLE:
         below, angle = _PER_ANGLE[dimension]
-        volume = _scale("volume", units, largest * angle, plain)
+        volume = _scale("volume", system, largest * angle, plain)
         return Scale(volume.size / angle, f"{volume.unit}/{below}")
-    base, size = _BASES.get((dimension, units), (unit_name(dimension, units), 1.0))
+    base, size = _BASES.get((dimension, system), (unit_name(dimension, system), 1.0))
     if not (math.isfinite(largest) and largest > 0) or dimension == "angle":
         return Scale(size, base)
-    named = _NAMED.get((dimension, units), ())
+    named = _NAMED.get((dimension, system), ())
     # A volume has a thousand times as many digits between two prefixes.
     ideal = (0.05 if dimension == "volume" else 0.5, 1e3)
     for low, high in (ideal, plain):
-        for unit, unit_size in named:
-            if low <= largest / unit_size < high:
-                return Scale(unit_size, unit)
+        for unit, of_unit in named:
+            if low <= largest / of_unit < high:
+                return Scale(of_unit, unit)
     greatest = 1e5 if dimension in _ANY_SIZE else 1e3
     if plain[0] <= largest / size < max(greatest, plain[1]):
         return Scale(size, base)
     # Powers of ten of volumes in in³, as the source has them, are not in steps of three.
     step = 3 if named or dimension != "volume" else 1
     scales = [
-        (step * math.floor((math.log10(largest / unit_size) + 1e-9) / step), unit, unit_size)
-        for unit, unit_size in ((base, size), *named, *_RARE.get((dimension, units), ()))
-        if 1e-300 < largest / unit_size < 1e300  # the power of ten, and its inverse, are numbers
+        (step * math.floor((math.log10(largest / of_unit) + 1e-9) / step), unit, of_unit)
+        for unit, of_unit in ((base, size), *named, *_RARE.get((dimension, system), ()))
+        if 1e-300 < largest / of_unit < 1e300  # the power of ten, and its inverse, are numbers
     ]
     if not scales:
         return Scale(size, base)
-    exponent, unit, unit_size = min(scales, key=lambda scale: abs(scale[0]))
+    exponent, unit, of_unit = min(scales, key=lambda scale: abs(scale[0]))
     # A division by a whole power of ten rounds once.
-    factor = unit_size * 10.0**exponent if exponent > 0 else unit_size / 10.0**-exponent
+    factor = of_unit * 10.0**exponent if exponent > 0 else of_unit / 10.0**-exponent
     return Scale(factor, f"10{superscript(exponent)} {unit}".strip() if exponent else unit)
 
 
@@ -455,31 +480,43 @@ class Quantity:
     dimension: Dimension
     fixed: str = ""
 
-    def label(self, units: System) -> str:
+    def label(self, system: System) -> str:
         """An axis label: "v₀  impact speed [in/s]"."""
-        unit = unit_name(self.dimension, units)
+        unit = unit_name(self.dimension, system)
         return f"{self.symbol}  {self.meaning}" + (f" [{unit}]" if unit else "")
 
-    def unit(self, units: System) -> str:
+    def unit(self, system: System) -> str:
         """The unit as programs read it: "in^3", "1" for a pure number."""
-        return self.fixed or ascii_unit(unit_name(self.dimension, units))
+        return self.fixed or ascii_unit(unit_name(self.dimension, system))
 
-    def in_words(self, value: float, units: System, digits: int = 4) -> str:
-        """A number of it with the unit in which it reads well: "30 m/s", "40°", "110.2·10⁻⁶ lb"."""
-        scale = Scale(1.0, self.fixed) if self.fixed else table_scale(self.dimension, units, abs(value))
+    def size(self, system: System) -> float:
+        """The size of that unit in SI; 1 of a fixed one."""
+        return unit_size(self.dimension, system)
+
+    def scale(self, system: System, largest: float) -> Scale:
+        """The unit in which numbers up to `largest` [SI] read well in a table."""
+        return Scale(1.0, self.fixed) if self.fixed else table_scale(self.dimension, system, largest)
+
+    def in_words(self, value: float, system: System, digits: int = 4) -> str:
+        """A number [SI] of it with the unit in which it reads well: "30 m/s", "40°", "110.2·10⁻⁶ lb"."""
+        scale = self.scale(system, abs(value))
         return scale.beside(f"{value / scale.size:.{digits}g}")
 
-    def declare(self, name: str, value: Any, units: System, **more: Any) -> Value:
-        """A number of it, in the units of `units`, for a result; `more` are other fields of the `Value`."""
-        scale = Scale(1.0, self.fixed) if self.fixed else functools.partial(table_scale, self.dimension, units)
+    def declare(self, name: str, value: Any, **more: Any) -> Value:
+        """A number of it [SI] for a result; `more` are other fields of the `Value`."""
         digits = ANGLE_DIGITS if self.dimension == "angle" else DIGITS
-        usual = {"symbol": self.symbol, "meaning": self.meaning, "scale": scale, "digits": digits}
-        fields: dict[str, Any] = {**usual, "unit": self.unit(units), **more}
+        usual = {"symbol": self.symbol, "meaning": self.meaning, "digits": digits, "measure": self}
+        fields: dict[str, Any] = {**usual, **more}
         return Value(name, value, **fields)
 
-    def attributes(self, units: System) -> dict[str, str]:
-        """The same as attributes of a labelled array, in the words of the CF conventions."""
-        return {"long_name": self.meaning, "symbol": self.symbol, "units": self.unit(units)}
+    def in_si(self, name: str, value: Any, **more: Any) -> Value:
+        """As `declare`, of a result that has its units in SI whatever the system that shows the others."""
+        scale = functools.partial(self.scale, "si")
+        return self.declare(name, value, **{"scale": scale, **more, "unit": self.unit("si"), "measure": None})
+
+    def attributes(self) -> dict[str, str]:
+        """The same as attributes of a labelled array in SI, in the words of the CF conventions."""
+        return {"long_name": self.meaning, "symbol": self.symbol, "units": self.unit("si")}
 
 
 QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
@@ -526,24 +563,49 @@ RESULTS = {
 }
 
 
-def declare_result(name: str, value: Any, units: System, **more: Any) -> Value:
+def declare_result(name: str, value: Any, **more: Any) -> Value:
     """One of `RESULTS`; see `Quantity.declare`."""
-    return RESULTS[name].declare(name, value, units, **more)
+    return RESULTS[name].declare(name, value, **more)
 
 
-def declare_derivative(name: str, value: Any, by: Sequence[Quantity], units: System) -> Value:
+@dataclass(frozen=True)
+class Derivative:
+    """The unit of a derivative of one quantity with respect to others.
+
+    Args:
+        of: the dimension of the quantity.
+        by: those of the others.
+    """
+
+    of: Dimension
+    by: tuple[Dimension, ...]
+
+    def unit(self, system: System) -> str:
+        """The unit as programs read it: "in^3/rad"."""
+        unit = derivative_unit(self.of, self.by, system)
+        return ascii_unit(f"1{unit}" if unit.startswith("/") else unit)
+
+    def size(self, system: System) -> float:
+        """The size of that unit in SI."""
+        return unit_size(self.of, system) / math.prod(unit_size(dimension, system) for dimension in self.by)
+
+    def scale(self, system: System, largest: float) -> Scale:
+        """The unit in a table: per degree, and of volumes in SI mm³."""
+        size = self.size(system) / _DEGREE ** sum(dimension == "angle" for dimension in self.by)
+        unit = re.sub(r"/rad(²?)(?=/|$)", r"/°\1", derivative_unit(self.of, self.by, system))
+        if system == "si" and self.of == "volume":
+            size, unit = size * 1e-9, unit.replace("m³", "mm³", 1)
+        return Scale(size, unit)
+
+
+def declare_derivative(name: str, value: Any, by: Sequence[Quantity]) -> Value:
     """The volume's derivative with respect to one or two parameters; in tables per degree, not per radian."""
     same = len(by) == 2 and by[0] == by[1]
     power = "²" if len(by) == 2 else ""
     below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)
-    unit = derivative_unit(RESULTS["volume"].dimension, [quantity.dimension for quantity in by], units)
-    exact, angles = ascii_unit(unit), sum(quantity.dimension == "angle" for quantity in by)
-    size = 1 / readable_scale("angle", units, 1.0).size ** angles
-    unit = re.sub(r"/rad(²?)(?=/|$)", r"/°\1", unit)
-    if units == "si":
-        size, unit = size * 1e-9, unit.replace("m³", "mm³", 1)
     meaning = "change of volume with " + " and ".join(dict.fromkeys(quantity.meaning for quantity in by))
-    return Value(name, value, f"∂{power}V/{below}", meaning, exact, Scale(size, unit))
+    measure = Derivative(RESULTS["volume"].dimension, tuple(quantity.dimension for quantity in by))
+    return Value(name, value, f"∂{power}V/{below}", meaning, measure=measure)
 
 
 STEEPEST = np.pi / 2  # rad; the angle of attack of a perpendicular impact
@@ -552,33 +614,37 @@ QUARTER_DEGREES = np.linspace(0, STEEPEST, 361)[1:]
 """Every quarter of a degree up to 90°, shape (360,) [rad]."""
 
 
-def read_axis(value: object, dimension: Dimension, system: System) -> np.ndarray:
-    """The values of an axis, shape (n,), or of a single quantity, shape ().
+class InSI(dict[str, Any]):
+    """Numbers or laws by parameter that are in SI, also beside a case that is shown in other units."""
+
+
+def read_axis(value: object, dimension: Dimension, bare: System | None = "si") -> np.ndarray:
+    """The values of an axis [SI], shape (n,), or of a single quantity, shape ().
 
     Args:
-        value: text as above, a number in the units of `system`, or a list of quantities.
+        value: text as above, a number, or a list of quantities.
         dimension: of the parameter.
-        system: the unit system of bare numbers and of the result.
+        bare: see `read_quantity`.
 
     Raises:
         UnitError: with a clause that starts with "must", to follow the axis's name.
     """
     if isinstance(value, str) and ":" in value:
-        return _range(value, dimension, system)
+        return _range(value, dimension, bare)
     if isinstance(value, str):
         value = [part.strip() for part in value.split(",")] if "," in value else value
     if isinstance(value, (list, tuple)):
         if not value:
             raise UnitError("must hold values, but is empty")
-        return np.array([_one(part, dimension, system) for part in value])
-    return np.array(_one(value, dimension, system))
+        return np.array([_one(part, dimension, bare) for part in value])
+    return np.array(_one(value, dimension, bare))
 
 
-def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
+def _range(text: str, dimension: Dimension, bare: System | None) -> np.ndarray:
     first, last, number, *spacing = (part.strip() for part in text.split(":")) if text.count(":") > 1 else ("",) * 3
     if not number.isdecimal() or len(number) > _LONGEST_COUNT or int(number) < 2 or spacing not in ([], ["log"]):
         raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {briefly(text)}')
-    begin, end = (read_quantity(part, dimension, system) for part in (first, last))
+    begin, end = (read_quantity(part, dimension, bare) for part in (first, last))
     if not np.isfinite([begin, end]).all():
         raise UnitError(f"must have finite ends, but is {briefly(text)}")
     if spacing and begin * end <= 0:
@@ -589,9 +655,9 @@ def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
         raise UnitError(f"must have values that fit into the memory, but is {briefly(text)}") from error
 
 
-def _one(value: object, dimension: Dimension, system: System) -> float:
+def _one(value: object, dimension: Dimension, bare: System | None) -> float:
     if isinstance(value, str):
-        return read_quantity(value, dimension, system)
+        return read_quantity(value, dimension, bare)
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(value)
+        return float(value) * _bare_size(dimension, bare, value)
     raise UnitError(f"must be numbers or quantities in quotes, but has {briefly(value)}")

@@ -127,7 +127,7 @@ def plot_optimum(
     measured = MEASURES.get(optimum.objective)
     dimension = "1" if measured is None else RESULTS[measured].dimension
     largest = max(float(np.nanmax(np.abs(piece.value))) for piece in curve)
-    scale = readable_scale(dimension, optimum.p.units, largest)
+    scale = readable_scale(dimension, optimum.p.shown_in, largest)
     # Of a model that never cuts nothing is beside a cut.
     cuts = any(piece.ended_by != NO_CUT for piece in curve)
     shares = cuts and any(piece.at_contact.any() for piece in curve)
@@ -232,7 +232,7 @@ def draw_curve(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: An
 
 @house_style()
 def plot_family(
-    ax: Axes, curves: Sequence[ShapeCurve], *, units: System, joined: bool = False, columns: int = 3
+    ax: Axes, curves: Sequence[ShapeCurve], *, system: System, joined: bool = False, columns: int = 3
 ) -> Axes:
     """Removed volume over the angle of attack, several curves on one figure.
 
@@ -241,12 +241,12 @@ def plot_family(
     Args:
         ax: empty axes.
         curves: in the order of the legend.
-        units: the unit system, for labels.
+        system: the unit system, for labels.
         joined: join the maxima by a dashed line, in the order of the curves.
         columns: of the legend.
     """
     largest = [float(np.nanmax(curve.volume)) for curve in curves]
-    scale = readable_scale("volume", units, max(largest))
+    scale = readable_scale("volume", system, max(largest))
     for i, curve in enumerate(curves):
         colors_used_up = i >= len(_COLORS)
         draw_curve(ax, curve, scale.size, curve.label, color=_COLORS[i % len(_COLORS)],
@@ -433,7 +433,7 @@ def plot_end_times(
     candidates: Mapping[str, np.ndarray],
     t_c: np.ndarray,
     *,
-    units: System,
+    system: System,
     real_part: np.ndarray | None = None,
     marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Axes:
@@ -444,11 +444,11 @@ def plot_end_times(
         angles: α, shape (n,) [rad].
         candidates: by event name, times of shape (n,) [s]; NaN where the event never happens.
         t_c: the actual end, shape (n,) [s].
-        units: the unit system, for labels.
+        system: the unit system, for labels.
         real_part: the real part of the complex root of ẋ = 0, shape (n,) [s]; NaN where the root is real.
         marks: (α, t) of points, by their names in `MARKS`.
     """
-    time = readable_scale("time", units, float(np.nanmax(t_c)))
+    time = readable_scale("time", system, float(np.nanmax(t_c)))
     degrees = np.rad2deg(angles)
     ax.plot(
         degrees, t_c / time.size, color=DIM, alpha=0.4, linewidth=9, solid_capstyle="butt", label="actual end $t_c$"

@@ -18,7 +18,7 @@ from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FitProblem
 from erosion.models import model_name
-from erosion.parameters import RESULTS, Scale, readable_scale, unit_name
+from erosion.parameters import QUANTITIES, RESULTS, Scale, in_si, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
 from erosion.plotting.style import angle_axis, house_style, legend_below, mark_turned, new_figure, typeset
 from erosion.results import Finding, found
@@ -194,7 +194,7 @@ def plot_traces(posterior: Posterior) -> Figure:
 
 
 @house_style()
-def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None) -> Figure:
+def plot_prediction(posterior: Posterior, at: Mapping[str, Any] | None = None) -> Figure:
     """Plot predictions over all angles, and below how cuts end, for draws of the posterior.
 
     The bands are quantiles of the curve, without the error of a measurement, at each angle. Where V(α) jumps at another
@@ -202,9 +202,10 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
 
     Args:
         posterior: the draws.
-        at: other parameters of the case, such as {"v0": 60.0}. Without it each speed and mass of the data has bands, in
-            a colour of its own, and its rows; of more than six, those of similar energy share one. They have a panel on
-            their ends together where these are the same, as without rotation, else one each.
+        at: other parameters of the case, such as {"v0": "60 m/s"}; see `Parameters.replace`. Without it each speed and
+            mass of the data has bands, in a colour of its own, and its rows; of more than six, those of similar energy
+            share one. They have a panel on their ends together where these are the same, as without rotation, else one
+            each.
     """
     groups = _drawn_groups(posterior.problem, None if at is None else [at])
     ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
@@ -221,14 +222,14 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
 
 
 @house_style()
-def plot_means(predictor: Predictor, at: Sequence[Mapping[str, float]]) -> Figure:
+def plot_means(predictor: Predictor, at: Sequence[Mapping[str, Any]]) -> Figure:
     """The bands of the mean over all angles, at other parameters of the case, in a colour for each."""
     fig = new_figure(6.2, 4.2)
     _draw_means([fig.subplots()], predictor, _drawn_groups(predictor.problem, at))
     return fig
 
 
-def _drawn_groups(problem: FitProblem, asked: Sequence[Mapping[str, float]] | None) -> list[Condition]:
+def _drawn_groups(problem: FitProblem, asked: Sequence[Mapping[str, Any]] | None) -> list[Condition]:
     """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
     data = problem.data
     groups = conditions(data, len(PALETTE))
@@ -242,7 +243,8 @@ def _drawn_groups(problem: FitProblem, asked: Sequence[Mapping[str, float]] | No
                 return group.rows
         return np.zeros(0, int)
 
-    return [Condition(rows(at), at, describe(at, data.units)) for at in asked]
+    read = [in_si(at, QUANTITIES, problem.p.shown_in) for at in asked]
+    return [Condition(rows(at), at, describe(at, data.shown_in)) for at in read]
 
 
 def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Condition]) -> None:
@@ -285,7 +287,7 @@ def plot_best_angles(best: BestAngles) -> Figure:
     """
     optimum = best.optimum
     volume, kinds = np.atleast_1d(optimum.volume), np.atleast_1d(optimum.kind)
-    scale = readable_scale("volume", optimum.p.units, float(np.nanmax(volume)))
+    scale = readable_scale("volume", optimum.p.shown_in, float(np.nanmax(volume)))
     fig = new_figure(5.4, 4.6)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.4, 0.6))
     degrees, predicted = np.rad2deg(best.of_model), np.rad2deg(best.alpha)
@@ -360,9 +362,9 @@ class _Column:
         low, high = np.quantile(chains, [0.025, 0.975])
         self.logarithmic = bool(low > 0 and high / low > _DECADE)
         middle = float(np.median(chains))
-        scale = readable_scale(quantity.dimension, posterior.p.units, abs(middle))
+        scale = readable_scale(quantity.dimension, posterior.p.shown_in, abs(middle))
         if quantity.dimension == "1" or self.logarithmic:
-            scale = Scale(1.0, unit_name(quantity.dimension, posterior.p.units))
+            scale = Scale(quantity.size(posterior.p.shown_in), unit_name(quantity.dimension, posterior.p.shown_in))
         self.chains = chains / scale.size
         self.values = self.chains.ravel()
         self.label = f"{typeset(quantity.symbol)}{_unit(scale)}"

@@ -21,7 +21,7 @@ from erosion.cfd.map_files import to_polydata
 from erosion.cfd.map_result import FACES, total_scale
 from erosion.extras import library
 from erosion.output import briefly, with_error
-from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
+from erosion.parameters import RESULTS, Scale, System, readable_scale, table_scale
 from erosion.plotting.curves import ShapeCurve, draw_curve
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE, round_length
 from erosion.plotting.style import PlainNumbers, house_style, legend_below, mark_turned, new_figure
@@ -329,8 +329,7 @@ def described(wear: xr.Dataset) -> list[str]:
     lines = [", ".join([*named, f"by {attrs['model']}"])]
     sand = []
     if "sand_rate" in wear:
-        a_day = float(wear["sand_rate"]) * 86400 * conversion_factor("mass flow", attrs["unit_system"], "si")
-        sand.append(f"{a_day:.4g} kg of sand a day")
+        sand.append(f"{float(wear['sand_rate']) * 86400:.4g} kg of sand a day")
     if "duration" in wear:
         time = table_scale("time", "si", float(wear["duration"]))
         sand.append(f"impacts of {float(wear['duration']) / time.size:.4g} {time.unit} {attrs['duration_from']}")
@@ -345,7 +344,7 @@ def plot_stream(stream: Stream) -> Figure:
     axes = np.ravel(fig.subplots(panels, 1))
     plot_stream_histogram(axes[0], stream)
     if stream.nozzle is not None:
-        plot_nozzle_angle(axes[1], stream.nozzle, stream.particles.p.units)
+        plot_nozzle_angle(axes[1], stream.nozzle, stream.particles.p.shown_in)
     return fig
 
 
@@ -354,7 +353,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     """The share of the particles over the volume that they remove; the title says how many remove nothing."""
     edges, shares = stream.tally.histogram()
     mean = stream.mean_volume.value
-    scale = readable_scale("volume", stream.particles.p.units, mean)
+    scale = readable_scale("volume", stream.particles.p.shown_in, mean)
     ax.stairs(shares, edges / scale.size, fill=True, color=PALETTE["orange"], alpha=0.55)
     ax.stairs(shares, edges / scale.size, color=PALETTE["vermillion"])
     ax.axvline(mean / scale.size, color=PALETTE["blue"], label="mean")
@@ -372,9 +371,9 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
 
 
 @house_style()
-def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
+def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, system: System) -> Axes:
     """Mean volume over the nozzle's angle with its 95 % by sampling, and the volume that a typical particle removes."""
-    scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
+    scale = readable_scale("volume", system, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
     degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
     half = 1.96 * nozzle.curve_error / scale.size
     alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"

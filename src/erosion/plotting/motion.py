@@ -46,13 +46,13 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
     """
     panels = list(fig.subplots(2, 2, sharex=True).ravel())
     p, t = trajectory.p, trajectory.t
-    time = readable_scale("time", p.units, trajectory.t_c)
+    time = readable_scale("time", p.shown_in, trajectory.t_c)
     exact = None if closed is None else closed.state(t, p)
     body = trajectory.states if isinstance(trajectory.states, State) else None
     turns = body is not None and not np.allclose(body.x, trajectory.x_tip, rtol=1e-9, atol=0)
     for panel, (of_body, of_tip, quantity) in zip(panels, HISTORIES, strict=True):
         tip = getattr(trajectory, of_tip)
-        scale = readable_scale(quantity.dimension, p.units, _largest(tip))
+        scale = readable_scale(quantity.dimension, p.shown_in, _largest(tip))
         if exact is not None:
             panel.plot(t / time.size, np.asarray(getattr(exact, of_body)) / scale.size,
                        color=PALETTE["sky"], linewidth=6, alpha=0.5, label="closed form")  # fmt: skip
@@ -75,8 +75,8 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     """The tip's path with the depth downward; the removed area is filled (Laverty, Figure 8)."""
     _, ax = axes_or_new(ax, 5.6, 3.4)
     p, x, depth = trajectory.p, trajectory.x_tip, trajectory.depth
-    along = readable_scale("length", p.units, _largest(x))
-    down = readable_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
+    along = readable_scale("length", p.shown_in, _largest(x))
+    down = readable_scale("length", p.shown_in, max(_largest(depth), trajectory.max_depth))
     x, depth = x / along.size, depth / down.size
     deepest = float(depth.max()) or 1.0
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
@@ -103,13 +103,13 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     p, turn = trajectory.p, trajectory.turn
     turned = f", turned by {np.rad2deg(turn):.4g}°" if turn > 0 else ""
     end = (
-        f"{trajectory.ended_by} after {RESULTS['t_c'].in_words(trajectory.t_c, p.units, 5)}"
+        f"{trajectory.ended_by} after {RESULTS['t_c'].in_words(trajectory.t_c, p.shown_in, 5)}"
         if trajectory.t_c
         else NOTHING
     )
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     at_contact = trajectory.volume_at_contact
-    removed, beside = (RESULTS["volume"].in_words(part, p.units, 5) for part in (trajectory.volume, at_contact))
+    removed, beside = (RESULTS["volume"].in_words(part, p.shown_in, 5) for part in (trajectory.volume, at_contact))
     share = f", {beside} {AT_CONTACT}" if at_contact else ""
     fig.suptitle(f"{heading}\n{removed} removed{share}{turned}", fontsize="medium", wrap=True)
     return fig
@@ -233,7 +233,7 @@ def animate_cut(trajectory: Trajectory) -> bytes:
         trajectory: of any model; the body is drawn where its state holds the orientation.
     """
     p, vectors = trajectory.p, dynamics(trajectory)
-    scale = readable_scale("length", p.units, _largest(trajectory.x_tip))
+    scale = readable_scale("length", p.shown_in, _largest(trajectory.x_tip))
     x, depth, r = trajectory.x_tip / scale.size, trajectory.depth / scale.size, float(p.r) / scale.size
     fig = Figure(figsize=(6.4, 4.2), dpi=100, layout="constrained")
     ax, below = fig.subplots(2, 1, height_ratios=(12, 1))
@@ -296,8 +296,8 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     """dV/dt over time, with the bars of the midpoint rule; the area below the curve is the volume."""
     p, t_c = trajectory.p, trajectory.t_c
     rate = trajectory.removal_rate
-    time = readable_scale("time", p.units, t_c)
-    volume = readable_scale("volume", p.units, _largest(rate) * time.size)
+    time = readable_scale("time", p.shown_in, t_c)
+    volume = readable_scale("volume", p.shown_in, _largest(rate) * time.size)
     height = time.size / volume.size
     ax.fill_between(trajectory.t / time.size, 0, rate * height, color=PALETTE["orange"], alpha=0.4, linewidth=0)
     ax.plot(trajectory.t / time.size, rate * height, color=PALETTE["blue"], label="rate of removal")

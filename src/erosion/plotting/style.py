@@ -23,7 +23,7 @@ from matplotlib.ticker import LogFormatter
 
 from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.output import write_whole
-from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
+from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, has_unit, read_quantity, unit_size
 from erosion.plotting.labels import FAINT, INK
 from erosion.results import Finding
 
@@ -84,7 +84,7 @@ def house_style() -> Iterator[None]:
 @contextlib.contextmanager
 def for_print(width: float | None) -> Iterator[None]:
     """Figures that are made and saved within have this width [m], such as a column's 0.084, and letters of 8 pt."""
-    token = _WIDTH.set(None if width is None else width * conversion_factor("length", "si", "inch-pound"))
+    token = _WIDTH.set(None if width is None else width / unit_size("length", "inch-pound"))
     try:
         yield
     finally:

@@ -16,7 +16,7 @@ from erosion.impacts import Impact, Jump, Optimum, SimulationError, Trajectory, 
 from erosion.models import Linearized, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output import Record
-from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
+from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, unit_name
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import Best, broken_at, leaps
 from erosion.plotting.style import new_axes
@@ -130,9 +130,9 @@ class Family(BestOverValues):
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    def figure(self, units: System) -> Figure:
+    def figure(self, system: System) -> Figure:
         """V(α) for every value that is shown, with a line that joins the maxima."""
-        return panel(plot_family, self.curves, height=4.2, units=units, joined=True)
+        return panel(plot_family, self.curves, height=4.2, system=system, joined=True)
 
 
 Families = Mapping[str, Family]
@@ -205,12 +205,12 @@ def _between(angles: np.ndarray, first: int, last: int) -> str:
 
 
 def _with_unit(name: str, p: Parameters, values: tuple[float, ...]) -> dict[float, str]:
-    quantity = QUANTITIES[name]
-    unit = unit_name(quantity.dimension, p.units)
-    own = float(getattr(p, name))
+    """Labels of values that are in the unit system of a case, and of the case's own value, by the value in SI."""
+    quantity, own = QUANTITIES[name], float(getattr(p, name))
+    unit, size = unit_name(quantity.dimension, p.shown_in), quantity.size(p.shown_in)
     return {
-        value: f"{quantity.symbol} = {number(value, 4, strip=True)}" + (f" {unit}" if unit else "")
-        for value in {*values, own}
+        value: f"{quantity.symbol} = {number(value / size, 4, strip=True)}" + (f" {unit}" if unit else "")
+        for value in {*(value * size for value in values), own}
     }
 
 
@@ -221,13 +221,10 @@ def _multiples(name: str, p: Parameters) -> dict[float, str]:
 
 _VALUES: Mapping[str, Callable[[Parameters], dict[float, str]]] = types.MappingProxyType(
     {
-        "v0": lambda p: _with_unit("v0", p, _SPEEDS[p.units]),
+        "v0": lambda p: _with_unit("v0", p, _SPEEDS[p.shown_in]),
         "r": lambda p: _multiples("r", p),
         "m": lambda p: _multiples("m", p),
-        "sigma": lambda p: (
-            {float(p.sigma): "this case"}
-            | {sigma * conversion_factor("stress", "inch-pound", p.units): metal for metal, sigma in MATERIALS.items()}
-        ),
+        "sigma": lambda p: {float(p.sigma): "this case"} | {sigma: metal for metal, sigma in MATERIALS.items()},
         "psi": lambda p: _with_unit("psi", p, _CONTACTS),
         "k": lambda p: _with_unit("k", p, _RATIOS),
     }
@@ -326,7 +323,7 @@ class ReportCase:
 
     def __init__(self, p: Parameters, name: str, per_mass: PerMass | None = None) -> None:
         self.p, self.name, self.per_mass = p, name, per_mass or PerMass()
-        self.units: System = p.units
+        self.units: System = p.shown_in
         self.alpha, self.omega = float(p.alpha), float(p.rate)
         self.cusp = float(np.arctan(p.k / 2))  # [rad]: cuts rebound up to this angle and stop above it
         self.model, self.closed = Linearized(), LinearizedCut()
@@ -472,9 +469,9 @@ def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
     }
 
 
-def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Figure:
+def best_angle_over_k(family: Family, system: System, label: str, law: str, height: float) -> Figure:
     """The best angles over the force ratio, beside those of the linearized model."""
     ratios = np.geomspace(family.values[0], family.values[-1], 200)
     exact = (law, ratios, np.arctan(ratios) / 2)
-    xlabel = QUANTITIES["k"].label(units)
+    xlabel = QUANTITIES["k"].label(system)
     return panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)

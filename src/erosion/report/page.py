@@ -33,6 +33,7 @@ from erosion.parameters import (
     require_scalars,
     table_scale,
     unit_name,
+    unit_size,
     validate,
 )
 from erosion.plotting.style import fit_legends, save_plot
@@ -114,7 +115,7 @@ def _place(path: Path, error: Exception) -> str:
     return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def _fill(path: Path, fields: Mapping[str, Any], units: System, printed: list[float]) -> str:
+def _fill(path: Path, fields: Mapping[str, Any], system: System, printed: list[float]) -> str:
     def plain(value: Any) -> Any:
         if isinstance(value, str) and not isinstance(value, Markup):
             return value
@@ -131,7 +132,7 @@ def _fill(path: Path, fields: Mapping[str, Any], units: System, printed: list[fl
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= _filters(units, printed)
+    environment.filters |= _filters(system, printed)
     scales = {"parameters": QUANTITIES, "degree": _DEGREE, "percent": _PERCENT}
     return environment.get_template(path.name, globals=scales).render(fields)
 
@@ -146,7 +147,7 @@ class _KeepNewlines(jinja2.ext.Extension):
 _DEGREE, _PERCENT = Scale(math.pi / 180, "°"), Scale(0.01, "%")
 
 
-def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any]]:
+def _filters(system: System, printed: list[float]) -> dict[str, Callable[..., Any]]:
     def of_number(function: Callable[..., str]) -> Callable[..., str]:
         def shown(value: Any, *args: Any, **options: Any) -> str:
             printed.append(float(value))  # an error for a field that does not exist
@@ -154,7 +155,7 @@ def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any
 
         return shown
 
-    of_units = functools.partial(quantity, units=units)
+    of_units = functools.partial(quantity, system=system)
     plain: dict[str, Callable[..., str]] = {
         "number": number,
         "degrees": degrees,
@@ -162,13 +163,13 @@ def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any
         "per": lambda value, scale, digits, **options: number(value / scale.size, digits, **options),
         "fixed": lambda value, scale, places: f"{value / scale.size:.{places}f}",
     }
-    in_tex = {name: functools.partial(plain[name], tex=True) for name in ("number", "degrees", "quantity")}
+    in_tex = {name: functools.partial(plain[name], tex=True) for name in ("number", "degrees", "quantity", "per")}
     return {
         **{name: of_number(function) for name, function in plain.items()},
         **{f"{name}_tex": of_number(function) for name, function in in_tex.items()},
         "to_degrees": lambda value: math.degrees(float(value)),
-        "scale": lambda largest, dimension: readable_scale(dimension, units, float(largest)),
-        "unit": lambda dimension: unit_name(dimension, units),
+        "scale": lambda largest, dimension: readable_scale(dimension, system, float(largest)),
+        "base_scale": lambda dimension: Scale(unit_size(dimension, system), unit_name(dimension, system)),
     }  # fmt: skip
 
 
@@ -330,7 +331,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
     record = {
         "erosion": __version__,
         "case": case.name,
-        "units": case.units,
+        "units": "si",
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
         "answers": numbers,
         "turned_beyond": turned,
@@ -371,9 +372,9 @@ def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, entry in QUANTITIES.items():
         value = float(getattr(p, name))
-        scale = table_scale(entry.dimension, p.units, abs(value))
+        scale = table_scale(entry.dimension, p.shown_in, abs(value))
         if scale.unit.startswith("10"):
-            scale = Scale(1.0, unit_name(entry.dimension, p.units))
+            scale = Scale(entry.size(p.shown_in), unit_name(entry.dimension, p.shown_in))
         shown = number(value / scale.size, 7, strip=True)
         rows.append((entry.symbol, entry.meaning, shown, scale.unit or "–"))
     return rows

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 
 from erosion.output import briefly
-from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
+from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name, unit_size
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"
@@ -67,7 +67,7 @@ _CORRECTIONS = (
 def quantity(
     value: float,
     dimension: Dimension,
-    units: System,
+    system: System,
     digits: int = 5,
     *,
     like: float | None = None,
@@ -76,16 +76,16 @@ def quantity(
     """A number with its unit: "1.8164 × 10⁻⁴ in³".
 
     Args:
-        value: in the base unit.
+        value: in SI.
         dimension: what it measures.
-        units: the unit system.
+        system: the unit system that shows it.
         digits: significant digits.
         like: the magnitude that chooses a handier unit, such as "66.353 µs" or "2.9766 mm³".
         tex: in LaTeX, with the unit upright.
     """
-    scale = None if like is None else readable_scale(dimension, units, abs(like))
+    scale = None if like is None else readable_scale(dimension, system, abs(like))
     if scale is None or scale.unit.startswith("10"):
-        scale = Scale(1.0, unit_name(dimension, units))
+        scale = Scale(unit_size(dimension, system), unit_name(dimension, system))
     text, unit = number(value / scale.size, digits, tex=tex), scale.unit
     if not tex:
         return text + (_NO_BREAK + unit if unit else "")

@@ -7,6 +7,7 @@ from erosion.results.declaration import (
     Declared as Declared,
     Mark as Mark,
     Scale as Scale,
+    System as System,
     Value as Value,
     ValueGroup as ValueGroup,
 )
@@ -18,4 +19,5 @@ from erosion.results.findings import (
     to_attribute as to_attribute,
     unique as unique,
 )
+from erosion.results.render import in_unit as in_unit
 from erosion.results.result import Result as Result

@@ -2,14 +2,18 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 Output = Literal["", "table", "data", "file"]
 """Where a value stands: in all outputs, in tables for people alone, in all but these tables, or in Datasets alone."""
 
 
+System = Literal["inch-pound", "si"]
+"""The unit system that shows numbers."""
+
+
 class Scale(NamedTuple):
-    """A unit that makes numbers readable: the number in the base unit, divided by `size`, is the number in `unit`."""
+    """A unit that makes numbers readable: the number in SI, divided by `size`, is the number in `unit`."""
 
     size: float
     unit: str
@@ -22,6 +26,19 @@ class Scale(NamedTuple):
 
 
 PLAIN = Scale(1.0, "")
+
+
+class Measure(Protocol):
+    """The units that show the numbers of a quantity."""
+
+    def unit(self, system: System) -> str:
+        """The unit of a system as programs read it, "in^3"."""
+
+    def size(self, system: System) -> float:
+        """The size of that unit in SI."""
+
+    def scale(self, system: System, largest: float) -> Scale:
+        """The unit in which people read numbers up to `largest` [SI] in a table."""
 
 
 class Mark(NamedTuple):
@@ -42,12 +59,15 @@ class Value:
 
     Args:
         name: as JSON, CSV and files name it.
-        value: a number, a word, a flag, an array of these, a pair of numbers (an interval), or None where it is not
-            known.
+        value: a number [SI], a word, a flag, an array of these, a pair of numbers (an interval), or None where it is
+            not known.
         symbol, meaning: as tables and axes name it.
+        measure: gives `unit`, `size` and `scale` in the unit system that shows the result; without it they are as
+            they stand, in each system.
         unit: as programs read it, "m^3"; "1" of a pure number; "" of counts, words, flags.
+        size: of that unit in SI.
         scale: the unit in which people read it, or a function that gives the one for the greatest magnitude; values
-            of one unit then share it within a table where they can.
+            of one unit then share it within a table where they can. None: that of `measure`.
         digits: significant ones, in tables.
         error: the standard error, of the same shape; data name it `NAME_error`.
         dims: of an array; without them an array of impacts has `dim_0`, …, an interval or an array of another shape
@@ -62,13 +82,15 @@ class Value:
     symbol: str = ""
     meaning: str = ""
     unit: str = ""
-    scale: Scale | Callable[[float], Scale] = PLAIN
+    scale: Scale | Callable[[float], Scale] | None = None
     digits: int = 6
     error: Any = None
     dims: Sequence[str] | None = None
     labels: Sequence[str] | Sequence[float] = ()
     marks: Sequence[Mark] = ()
     only: Output = ""
+    measure: Measure | None = None
+    size: float = 1.0
 
     def but(self, **changes: Any) -> "Value":
         """The same with some fields changed."""

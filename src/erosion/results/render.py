@@ -1,4 +1,7 @@
-"""All outputs of a declaration: tables for people, records for programs, CSV, labelled Datasets, `repr`."""
+"""All outputs of a declaration: tables for people, records for programs, CSV, labelled Datasets, `repr`.
+
+Declared numbers are in SI. Tables, records and CSV show them in a unit system; Datasets and `repr` have them in SI.
+"""
 
 import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +23,7 @@ from erosion.output.tables import (
     to_plain,
     with_error,
 )
-from erosion.results.declaration import Columns, Declared, Scale, Value, ValueGroup
+from erosion.results.declaration import PLAIN, Columns, Declared, Scale, System, Value, ValueGroup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,9 +66,9 @@ class PrintedTable(NamedTuple):
         return to_html(self.title, self.rows, self.headings) + notes
 
 
-def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
+def tables(title: str, declared: Iterable[Declared], system: System) -> list[PrintedTable]:
     """The values as rows of one table, then each group of columns as a table of its own, then those of parts."""
-    values, groups, parts = _apart(declared, "table")
+    values, groups, parts = _apart(_in(system, declared), "table")
     made = []
     if values:
         notes = _Notes()
@@ -77,13 +80,13 @@ def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
     for part in parts:
-        made += tables(part.title, part.values)
+        made += tables(part.title, part.values, system)
     return made
 
 
-def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
+def record(declared: Iterable[Declared], system: System, *, has_units: bool = False) -> Record:
     """Numbers by name in Python's own types; with `has_units` those that have one are objects of value and unit."""
-    values, groups, parts = _apart(declared, "data")
+    values, groups, parts = _apart(_in(system, declared), "data")
     made: Record = {}
     for value in values:
         for name, number in _numbers(value):
@@ -99,31 +102,32 @@ def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
         ]
         made[group.name] = {each.pop(columns[0][0]): each for each in records} if group.keyed else records
     for part in parts:
-        of_part = record(part.values, has_units=has_units)
+        of_part = record(part.values, system, has_units=has_units)
         made |= {part.name: of_part} if part.name else of_part
     return made
 
 
-def units(declared: Iterable[Declared]) -> dict[str, str]:
+def units(declared: Iterable[Declared], system: System) -> dict[str, str]:
     """Unit by name of the numbers of `record`, those of columns and of parts too."""
-    values, groups, parts = _apart(declared, "data")
+    values, groups, parts = _apart(_in(system, declared), "data")
     listed = [*values, *(value for group in groups for value in group.values)]
     made = {name: value.unit for value in listed if value.unit for name, _ in _numbers(value)}
     for part in parts:
-        made = units(part.values) | made
+        made = units(part.values, system) | made
     return made
 
 
-def csv(declared: Iterable[Declared], lines: Sequence[str] = ()) -> str:
+def csv(declared: Iterable[Declared], system: System, lines: Sequence[str] = ()) -> str:
     """Comma-separated values with units in the headings.
 
     Args:
         declared: the numbers.
+        system: the unit system that shows them.
         lines: the dimensions whose elements have a line each, in which single numbers stand too; those of impacts
             without it. Columns of that name stand alone.
     """
     columns: dict[str, np.ndarray] = {}
-    values, groups, _ = _apart(_flat(declared, "data"), "data")
+    values, groups, _ = _apart(_flat(_in(system, declared), "data"), "data")
     for group in groups:
         if [group.name] == [*lines]:
             values = [value.but(value=_column(value.value), dims=lines) for value in group.values
@@ -139,10 +143,10 @@ def csv(declared: Iterable[Declared], lines: Sequence[str] = ()) -> str:
 
 
 def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, str]) -> "xr.Dataset":
-    """The values as a labelled Dataset, which xarray writes to netCDF."""
+    """The values in SI as a labelled Dataset, which xarray writes to netCDF."""
     import xarray as xr  # 1.7 s that a table for a terminal does without
 
-    values, groups, _ = _apart(_flat(declared, "data", "file"), "data", "file")
+    values, groups, _ = _apart(_flat(_in("si", declared), "data", "file"), "data", "file")
     variables: dict[str, Any] = {}
     arrays = [value.value for value in values if not (value.dims or value.labels or isinstance(value.value, tuple))]
     impacts = np.broadcast_shapes(*map(np.shape, arrays))
@@ -165,9 +169,29 @@ def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, s
 
 
 def summary(declared: Iterable[Declared]) -> str:
-    """The values as arguments of a constructor: "volume=1.66e-09, ended_by='rebound'"; all digits."""
+    """The values in SI as arguments of a constructor: "volume=1.66e-09, ended_by='rebound'"; all digits."""
     values = [value for value in _apart(declared, "table")[0] if value.only != "table" and value.value is not None]
     return ", ".join(f"{value.name}={_short(value.value)}" for value in values if not value.labels)
+
+
+def _in(system: System, declared: Iterable[Declared]) -> Iterator[Declared]:
+    """The declaration with the units of a system."""
+    for item in declared:
+        if isinstance(item, Columns):
+            yield replace(item, values=[_with_units(value, system) for value in item.values])
+        elif isinstance(item, ValueGroup):
+            yield replace(item, values=[*_in(system, item.values)])
+        else:
+            yield _with_units(item, system)
+
+
+def _with_units(value: Value, system: System) -> Value:
+    """The value with the unit, its size and the scale of a system; its numbers stay in SI."""
+    measure = value.measure
+    if measure is None:
+        return value if value.scale is not None else value.but(scale=PLAIN)
+    scale = value.scale or (lambda largest: measure.scale(system, largest))
+    return value.but(measure=None, unit=measure.unit(system), size=measure.size(system), scale=scale)
 
 
 def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns], list[ValueGroup]]:
@@ -195,10 +219,23 @@ def _flat(declared: Iterable[Declared], *outputs: str, before: str = "") -> Iter
 
 
 def _numbers(value: Value) -> Iterator[tuple[str, Any]]:
-    """The value and its error by name."""
-    yield value.name, value.value
+    """The value and its error by name, in the value's unit."""
+    yield value.name, in_unit(value.value, value.size)
     if value.error is not None:
-        yield f"{value.name}_error", value.error
+        yield f"{value.name}_error", in_unit(value.error, value.size)
+
+
+def in_unit(number: Any, size: float) -> Any:
+    """Numbers in SI, and those of lists and intervals, in a unit of this size: 4400.0, not 4400.000000000001."""
+    if size == 1 or number is None:
+        return number
+    if isinstance(number, (list, tuple)):
+        return type(number)(in_unit(each, size) for each in number)
+    if np.ndim(number) or is_traced(number):
+        return number / size
+    number = float(number)
+    near = float(f"{number / size:.15g}")
+    return near if near * size == number else number / size
 
 
 def _beside_unit(number: Any, value: Value, *, has_units: bool) -> Any:
@@ -238,12 +275,12 @@ def _scales(values: Sequence[Value]) -> list[Scale]:
     """The unit of each value in a table: one for all of a unit, unless a number would need a power of ten in it."""
     largest: dict[str, float] = {}
     for value in values:
-        if not isinstance(value.scale, Scale):
+        if callable(value.scale):
             largest[value.unit] = max(largest.get(value.unit, 0.0), _size(value))
 
     def scale_of(value: Value) -> Scale:
-        if isinstance(value.scale, Scale):
-            return value.scale
+        if not callable(value.scale):
+            return value.scale or PLAIN
         own, shared = _size(value), value.scale(largest[value.unit])
         return shared if own == 0 or _SHARED[0] <= own / shared.size < _SHARED[1] else value.scale(own)
 

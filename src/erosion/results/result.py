@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from erosion.output.tables import Record
 from erosion.results import render
-from erosion.results.declaration import Declared
+from erosion.results.declaration import Declared, System
 from erosion.results.findings import Finding, to_attribute
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 class Result(abc.ABC):
     """A result declares its numbers; tables, HTML, JSON, CSV, a Dataset and `repr` follow from that.
+
+    Attributes, Datasets and `repr` are in SI, angles in radians.
 
     Attributes:
         lines: the dimensions whose elements are the lines of CSV, or the name of columns; those of impacts without it.
@@ -31,6 +33,11 @@ class Result(abc.ABC):
     @abc.abstractmethod
     def declare(self) -> Sequence[Declared]:
         """The numbers, each with all that an output needs."""
+
+    @property
+    def shown_in(self) -> System:
+        """The unit system that shows the numbers in tables, JSON and CSV."""
+        return "si"
 
     @property
     def subject(self) -> Record:
@@ -58,20 +65,21 @@ class Result(abc.ABC):
 
     def tables(self) -> list[render.PrintedTable]:
         """The tables for people."""
-        return render.tables(self.title, self.declare())
+        return render.tables(self.title, self.declare(), self.shown_in)
 
     def to_dict(self) -> Record:
         """The numbers by name, in Python's own types, their units and findings; NaN and infinity stay what they are."""
         declared = self.declare()
         findings = [finding.to_dict() for finding in self.findings]
-        return {**self.subject, **render.record(declared), "units": render.units(declared), "findings": findings}
+        numbers, units = render.record(declared, self.shown_in), render.units(declared, self.shown_in)
+        return {**self.subject, **numbers, "units": units, "findings": findings}
 
     def to_csv(self) -> str:
         """The numbers as comma-separated values; a line for each impact, row of data or model, as `lines` says."""
-        return render.csv(self.declare(), self.lines)
+        return render.csv(self.declare(), self.shown_in, self.lines)
 
     def to_dataset(self) -> "xr.Dataset":
-        """The numbers with their units as a Dataset, for netCDF."""
+        """The numbers in SI with their units as a Dataset, for netCDF."""
         attributes = {"findings": to_attribute(self.findings)}
         return render.dataset(self.title, self.declare(), attributes)
 

@@ -35,11 +35,10 @@ from erosion.parameters import (
     FarFromTests,
     PerMass,
     Scale,
-    conversion_factor,
     declare_result,
     far_from_tests,
 )
-from erosion.results import Columns, Declared, Finding, Result, Value
+from erosion.results import Columns, Declared, Finding, Result, System, Value
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))
@@ -54,15 +53,15 @@ class NozzleAngle:
 
     Args:
         alpha: the angle that removes most [rad].
-        volume: mean volume of a particle there [volume].
+        volume: mean volume of a particle there [m³].
         at_edge: whether the best angle is the first or last of `angles`.
         angles: of the nozzle, shape (n,) [rad].
-        curve: mean volume of a particle at each, shape (n,) [volume].
-        curve_error: its standard error, shape (n,) [volume].
+        curve: mean volume of a particle at each, shape (n,) [m³].
+        curve_error: its standard error, shape (n,) [m³].
         single_alpha: the best angle of one typical particle (see `Particles.typical`) [rad].
         single_kind: the kind of that optimum, see `Optimum`.
         single_angles: angles of attack, shape (k,) [rad].
-        single_curve: its volume at each, shape (k,) [volume].
+        single_curve: its volume at each, shape (k,) [m³].
         single_beyond: whether its body turns by more than 90° there, shape (k,).
     """
 
@@ -101,7 +100,7 @@ def best_nozzle_angle(
     sample = particles.draw(Points(points, particles.dimension, seed, replicates).take(_DRAWN))
 
     def means(angles: np.ndarray, part: slice = slice(None)) -> np.ndarray:
-        """Mean volume of some replicates at each angle, shape (replicates, angles) [volume]."""
+        """Mean volume of some replicates at each angle, shape (replicates, angles) [m³]."""
         values = {name: value[part][..., None, :] for name, value in sample.items()}
         model, p, hits = particles.impacts(values, angles[:, None])
         return np.nanmean(np.where(hits, impact(model, p, rtol=rtol).volume, 0.0), axis=-1)
@@ -153,8 +152,8 @@ class Uncertainty:
     """The means of a stream for draws of the uncertain parameters.
 
     Args:
-        volume: mean removed volume of a particle, shape (draws,) [volume].
-        mass: mean mass of a particle, shape (draws,) [mass].
+        volume: mean removed volume of a particle, shape (draws,) [m³].
+        mass: mean mass of a particle, shape (draws,) [kg].
     """
 
     volume: np.ndarray
@@ -162,7 +161,7 @@ class Uncertainty:
 
     @property
     def erosion(self) -> np.ndarray:
-        """Removed volume per mass of particles if every particle cuts, shape (draws,) [volume/mass]."""
+        """Removed volume per mass of particles if every particle cuts, shape (draws,) [m³/kg]."""
         return self.volume / self.mass
 
 
@@ -225,7 +224,7 @@ class Stream(Result):
 
     @property
     def mean_volume(self) -> Estimate:
-        """Removed volume of a particle [volume]."""
+        """Removed volume of a particle [m³]."""
         return Estimate.of(self.tally.mean)
 
     @property
@@ -235,29 +234,29 @@ class Stream(Result):
 
     def _means(self) -> Iterator[Value]:
         """The means of a particle's own quantities."""
-        units, means = self.particles.p.units, self.mean_quantities
+        means = self.mean_quantities
         for name, quantity in own_quantities(type(self.model)).items():
             more = {"symbol": f"{quantity.symbol}\u0304", "meaning": f"{quantity.meaning}, mean of the stream"}
-            yield quantity.declare(f"mean_{name}", means[name].value, units, error=means[name].error, **more)
+            yield quantity.declare(f"mean_{name}", means[name].value, error=means[name].error, **more)
 
     @property
     def total_volume(self) -> float:
-        """Volume removed by all particles computed [volume]."""
+        """Volume removed by all particles computed [m³]."""
         return float(self.tally.counted @ self.tally.mean)
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the volume from particle to particle [volume]."""
+        """Standard deviation of the volume from particle to particle [m³]."""
         return self.tally.deviation
 
     @property
     def mean_mass(self) -> Estimate:
-        """Mass of a particle [mass]."""
+        """Mass of a particle [kg]."""
         return Estimate.of(self.tally.mass / self.tally.counted)
 
     @property
     def erosion(self) -> Estimate:
-        """Removed volume per unit mass of particles [volume/mass]; particles that miss are abrasive too."""
+        """Removed volume per unit mass of particles [m³/kg]; particles that miss are abrasive too."""
         removed = self.per_mass.cutting_fraction * self.tally.counted * self.tally.mean
         return Estimate.of(removed / self.tally.mass, float(removed.sum() / self.tally.mass.sum()))
 
@@ -266,16 +265,13 @@ class Stream(Result):
         """Mass loss per mass of particles [kg/kg]; None where the density of the target is not known."""
         if self.per_mass.density is None:
             return None
-        factor = self.per_mass.density * conversion_factor("volume per mass", self.particles.p.units, "si")
-        return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
+        return Estimate(*(self.per_mass.density * number for number in dataclasses.astuple(self.erosion)))
 
     @property
     def _far(self) -> FarFromTests | None:
         """The same in numbers, whether an amount is asked for or not."""
-        p = self.particles.p
-        speed = float(np.mean(self._sample.get("v0", p.v0))) * conversion_factor("speed", p.units, "si")
-        removed = self.erosion.value * conversion_factor("volume per mass", p.units, "si")
-        return far_from_tests(removed, speed, self.per_mass.density)
+        speed = float(np.mean(self._sample.get("v0", self.particles.p.v0)))
+        return far_from_tests(self.erosion.value, speed, self.per_mass.density)
 
     @property
     def parameter_errors(self) -> dict[str, float]:
@@ -309,7 +305,7 @@ class Stream(Result):
 
     @property
     def quantiles(self) -> dict[float, float]:
-        """Volume that 5, 25, 50, 75 and 95 % of the particles do not exceed [volume], to 0.12 %."""
+        """Volume that 5, 25, 50, 75 and 95 % of the particles do not exceed [m³], to 0.12 %."""
         return {share: self.tally.quantile(share) for share in QUANTILES}
 
     @property
@@ -343,22 +339,27 @@ class Stream(Result):
         """The model, the case and the laws."""
         return {**impact_to_dict(self.model, self.particles.p, but=self.particles.names), "laws": self._laws}
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.particles.p.shown_in
+
     def declare(self) -> list[Declared]:
         """The results; errors are standard errors by sampling."""
-        units, mean, mass = self.particles.p.units, self.mean_volume, self.mean_mass
+        mean, mass = self.mean_volume, self.mean_mass
         spread = ", uncertain parameters included" if self.particles.uncertain else ""
         deviation = f"{RESULTS['deviation'].meaning}{spread}"
         return [
             Value("particles", self.n, meaning=f"± is {self.error_meaning}"),
-            declare_result("mean_volume", mean.value, units, error=mean.error),
+            declare_result("mean_volume", mean.value, error=mean.error),
             *self._per_mass(),
             *self._by_uncertain(),
-            declare_result("mean_mass", mass.value, units, error=mass.error),
+            declare_result("mean_mass", mass.value, error=mass.error),
             *self._means(),
-            declare_result("deviation", self.deviation, units, meaning=deviation),
-            declare_result("total_volume", self.total_volume, units),
+            declare_result("deviation", self.deviation, meaning=deviation),
+            declare_result("total_volume", self.total_volume),
             RESULTS["volume"].declare(
-                "quantiles", np.array([*self.quantiles.values()]), units, dims=("quantile",),
+                "quantiles", np.array([*self.quantiles.values()]), dims=("quantile",),
                 labels=[*self.quantiles], meaning="no more by this share of the particles",
             ),
             Value(
@@ -374,36 +375,28 @@ class Stream(Result):
 
     def _per_mass(self) -> Iterator[Value]:
         """Erosion per mass of particles; in tables in mm³/kg and, where the density is known, in g/kg."""
-        units, is_beyond = self.particles.p.units, self._far is not None and self._far.is_beyond
-        sizes = (conversion_factor("volume per mass", units, "si"), 1.0)
-        for name, to_si, scale in zip(("erosion", "erosion_ratio"), sizes, PER_MASS_SCALES.values(), strict=True):
+        is_beyond = self._far is not None and self._far.is_beyond
+        for name, scale in zip(("erosion", "erosion_ratio"), PER_MASS_SCALES.values(), strict=True):
             if (estimate := getattr(self, name)) is not None:
-                meaning, shown = (
-                    self.per_mass.meaning_of(name, is_beyond=is_beyond),
-                    Scale(scale.size / to_si, scale.unit),
-                )
-                yield declare_result(name, estimate.value, units, error=estimate.error, meaning=meaning, scale=shown)
+                meaning = self.per_mass.meaning_of(name, is_beyond=is_beyond)
+                yield declare_result(name, estimate.value, error=estimate.error, meaning=meaning, scale=scale)
 
     def _by_uncertain(self) -> Iterator[Value]:
         """What the uncertain parameters do to the erosion."""
         if self.uncertainty is None:
             return
-        units, symbols = (
-            self.particles.p.units,
-            (quantities(self.model)[name].symbol for name in self.particles.uncertain.names),
-        )
+        symbols = (quantities(self.model)[name].symbol for name in self.particles.uncertain.names)
         for name, error in self.parameter_errors.items():
             meaning = f"standard deviation of {name} by uncertain parameters"
-            yield declare_result(name, error, units, meaning=meaning, only="data").but(name=f"{name}_parameter_error")
-        error, size = self.parameter_errors["erosion"], conversion_factor("volume per mass", units, "si")
+            yield declare_result(name, error, meaning=meaning, only="data").but(name=f"{name}_parameter_error")
+        error = self.parameter_errors["erosion"]
         relative = error / self.erosion.value if self.erosion.value else math.nan
         meaning = f"of E, by uncertain {', '.join(symbols)}; ± is by sampling alone"
         yield Value("parameter_error", relative, meaning=meaning, scale=Scale(0.01, "%"), digits=3)
         low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
-        scale = PER_MASS_SCALES["specific_volume"]
-        yield declare_result(
-            "erosion", (float(low), float(high)), units, scale=Scale(scale.size / size, scale.unit)
-        ).but(name="erosion_interval", symbol="", meaning="the 95 % interval of E by them", digits=4)
+        yield declare_result("erosion", (float(low), float(high)), scale=PER_MASS_SCALES["specific_volume"]).but(
+            name="erosion_interval", symbol="", meaning="the 95 % interval of E by them", digits=4
+        )
 
     def _turned_share(self) -> Iterator[Value]:
         """The share of the impacts beyond the model's turn, where a model turns the body."""
@@ -415,7 +408,7 @@ class Stream(Result):
     def _distribution(self) -> Iterator[Value]:
         """The histogram of the particles' volumes."""
         edges, shares = self.tally.histogram()
-        yield RESULTS["volume"].declare("volume_edge", edges, self.particles.p.units, dims=("edge",), only="file")
+        yield RESULTS["volume"].declare("volume_edge", edges, dims=("edge",), only="file")
         yield Value("share", shares, "", "share of the particles", "1", dims=("between_edges",), only="file")
 
     def _sensitivities(self) -> Iterator[Columns]:
@@ -436,20 +429,18 @@ class Stream(Result):
         """The nozzle's best angle, and the curve that it is the top of."""
         if self.nozzle is None:
             return
-        nozzle, units, alpha = self.nozzle, self.particles.p.units, QUANTITIES["alpha"]
+        nozzle, alpha = self.nozzle, QUANTITIES["alpha"]
         at_edge, best = " (the edge of what was looked at)" if nozzle.at_edge else "", nozzle.alpha
         meaning = f"of the nozzle, for the stream{at_edge}; ± by sampling alone"
         interval, alone = (
             "its 95 % interval, by sampling alone",
             f"of a single, typical particle ({nozzle.single_kind})",
         )
-        yield alpha.declare("alpha_max", best.value, units, symbol="α_max", meaning=meaning, error=best.error)
-        yield alpha.declare("alpha_max_interval", (best.low, best.high), units, symbol="", meaning=interval)
-        yield alpha.declare("single_alpha_max", nozzle.single_alpha, units, symbol="", meaning=alone)
-        yield alpha.declare(
-            "nozzle", nozzle.angles, units, meaning="angle of the nozzle", dims=("nozzle",), only="file"
-        )
-        curve = RESULTS["mean_volume"].declare("curve", nozzle.curve, units, error=nozzle.curve_error, dims=("nozzle",))
+        yield alpha.declare("alpha_max", best.value, symbol="α_max", meaning=meaning, error=best.error)
+        yield alpha.declare("alpha_max_interval", (best.low, best.high), symbol="", meaning=interval)
+        yield alpha.declare("single_alpha_max", nozzle.single_alpha, symbol="", meaning=alone)
+        yield alpha.declare("nozzle", nozzle.angles, meaning="angle of the nozzle", dims=("nozzle",), only="file")
+        curve = RESULTS["mean_volume"].declare("curve", nozzle.curve, error=nozzle.curve_error, dims=("nozzle",))
         yield curve.but(only="file")
 
     @property
@@ -460,7 +451,7 @@ class Stream(Result):
 
     def laws_in_words(self) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(20°, 3°)", "uncertain normal(2, 0.1)"."""
-        known, units = quantities(self.model), self.particles.p.units
+        known, units = quantities(self.model), self.shown_in
         uncertain = self.particles.uncertain.in_words(known, units)
         return self.particles.laws.in_words(known, units) | {
             name: f"uncertain {law}" for name, law in uncertain.items()

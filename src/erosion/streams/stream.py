@@ -17,10 +17,10 @@ from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts import SimulationError, end_names, identity, impact, read_netcdf, write_netcdf
 from erosion.interrupts import held_off
 from erosion.laws import JointLaw, JointSamples, joint_law
-from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact
+from erosion.models import CuttingModel, load_model, model_name, own_quantities, quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output import Trace, briefly, require_writable, trace
-from erosion.parameters import Parameters, validate
+from erosion.parameters import Parameters, require_parameters, validate
 from erosion.streams.result import Stream, best_nozzle_angle, uncertainty_of
 from erosion.streams.tally import Estimate, Particles, Points, Tally, sobol_indices
 
@@ -60,7 +60,7 @@ def stream(
     """The erosion of a stream of particles whose parameters vary.
 
         from scipy import stats
-        erosion.stream("rotating", p, alpha=stats.norm(0.35, 0.05), v0=stats.lognorm(0.1, scale=4400))
+        erosion.stream("rotating", p, alpha=stats.norm(0.35, 0.05), v0=stats.lognorm(0.1, scale=110))
 
     Args:
         model: a model, its name or its path.
@@ -75,13 +75,13 @@ def stream(
         store: a netCDF file, written at the end or when interrupted. The same call goes on from
             there, also to a greater n.
         correlation: of the normal scores of `laws`, by pairs: {("v0", "r"): -0.5}; see `JointLaw`.
-        samples: arrays of other parameters, by name, whose samples are drawn together.
+        samples: arrays of other parameters [SI], by name, whose samples are drawn together.
         uncertain: laws of parameters that are one number for all particles, which is not known exactly, such as those
             of the metal: `uncertain=posterior.joint_samples()`. What they do to the means does not average out; it is
             their `parameter_errors`.
         progress: called with the name of the work, how much of it is done, and how much there is.
-        **laws: parameter name, of the case or the model's own, to its law from particle to particle, see
-            `erosion.laws`. Laws of positive parameters of the case are restricted to x > 0; the ranges of own
+        **laws: parameter name, of the case or the model's own, to its law from particle to particle, in SI,
+            see `erosion.laws`. Laws of positive parameters of the case are restricted to x > 0; the ranges of own
             parameters are not known.
 
     Returns:
@@ -98,8 +98,11 @@ def stream(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the particles.
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
-    together = joint_law(laws, correlation=correlation, samples=samples)
-    result = prepare_stream(model, p, together, options, joint_law(uncertain, "uncertain")).run(progress)
+    require_parameters(p)
+    model = load_model(model)
+    beside: dict[str, Any] = {"known": quantities(model), "shown_in": p.shown_in}
+    together = joint_law(laws, correlation=correlation, samples=samples, **beside)
+    result = prepare_stream(model, p, together, options, joint_law(uncertain, "uncertain", **beside)).run(progress)
     if (finding := result.outside_of_range) is not None:
         warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
     return result

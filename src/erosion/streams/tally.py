@@ -49,7 +49,7 @@ class Particles:
 
     def __post_init__(self) -> None:
         if not self.names:
-            raise ValueError("Arguments must include a law, such as v0=scipy.stats.norm(4400, 400); there is none.")
+            raise ValueError("Arguments must include a law, such as v0=scipy.stats.norm(110, 10); there is none.")
         both = [name for name in self.uncertain.names if name in self.laws.names]
         refuse(
             "Argument `uncertain` must ",
@@ -59,8 +59,6 @@ class Particles:
              "leave out `cutting_fraction`: volumes of a stream are those of particles that cut, whose share is a "
              "number."),
         )  # fmt: skip
-        self.laws.require_units(self.p.units)
-        self.uncertain.require_units(self.p.units)
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._medians)
 
@@ -203,12 +201,12 @@ class Tally:
     """Sums over particles, in independent replicates.
 
     Args:
-        scale: V* of the case, the unit of the histogram [volume].
+        scale: V* of the case, the unit of the histogram [m³].
         drawn: number of particles of each replicate.
         counted: number of particles with a volume (not "failed" or "unfinished"), shape (replicates,).
-        mean: mean of their volumes [volume], shape (replicates,).
-        squares: sum of squared deviations from the mean [volume²], shape (replicates,).
-        mass: sum of their masses [mass], shape (replicates,).
+        mean: mean of their volumes [m³], shape (replicates,).
+        squares: sum of squared deviations from the mean [m⁶], shape (replicates,).
+        mass: sum of their masses [kg], shape (replicates,).
         ends: number of particles by how their cut ended, shape (replicates, ends).
         bins: number of particles by the logarithm of their volume, shape (bins,); the first bin
             holds those that remove nothing.
@@ -235,7 +233,7 @@ class Tally:
         scale: float,
         own: Mapping[str, np.ndarray] | None = None,
     ) -> "Tally":
-        """The tally of particles; volumes [volume], masses [mass], outcomes and own quantities: (replicates, n)."""
+        """The tally of particles; volumes [m³], masses [kg], outcomes and own quantities: (replicates, n)."""
         computed = np.isfinite(volume)
         counted = computed.sum(axis=1)
         volume = np.where(computed, volume, 0.0)
@@ -286,19 +284,19 @@ class Tally:
 
     @property
     def deviation(self) -> float:
-        """The standard deviation of the volume from particle to particle [volume]."""
+        """The standard deviation of the volume from particle to particle [m³]."""
         total = self.counted.sum()
         mean = self.counted @ self.mean / total
         return float(np.sqrt((self.squares.sum() + self.counted @ (self.mean - mean) ** 2) / total))
 
     def quantile(self, share: float) -> float:
-        """The volume that this share of the particles does not exceed [volume], to half a bin."""
+        """The volume that this share of the particles does not exceed [m³], to half a bin."""
         reached = np.cumsum(self.bins)
         index = int(np.searchsorted(reached, share * reached[-1]))
         return 0.0 if index == 0 else float(self.scale * 10 ** (_LOWEST + (index - 0.5) / _PER_DECADE))
 
     def histogram(self, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
-        """Edges [volume], even in the logarithm, shape (m + 1,), and shares of the particles, shape (m,).
+        """Edges [m³], even in the logarithm, shape (m + 1,), and shares of the particles, shape (m,).
 
         Particles that remove nothing are in no bin. The bins span the middle 99.8 % of the others.
         """

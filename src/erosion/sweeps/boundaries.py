@@ -97,7 +97,7 @@ def with_boundaries(grid: Grid, found: xr.Dataset) -> xr.Dataset:
     Returns:
         The same with `turned_beyond`. Of one model over two parameters also with `end_boundary` and `turn_boundary`,
         and with `best_boundary` if it has a best angle at each point. A boundary holds pieces of lines: their two ends,
-        in the units of the parameters, whose names are along "axis".
+        in SI, whose names are along "axis".
     """
     shape = grid.shape
     of_model = shape[1:] if grid.compared else shape

@@ -48,7 +48,7 @@ from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,
-    TABLE_1,
+    InSI,
     Parameters,
     Quantity,
     System,
@@ -56,6 +56,8 @@ from erosion.parameters import (
     ascii_unit,
     derivative_unit,
     require_concrete,
+    require_parameters,
+    si_numbers,
     validate,
 )
 from erosion.results import Finding, to_attribute
@@ -358,16 +360,16 @@ class Grid(AnyGrid):
 
     def variables(self) -> dict[str, Variable]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
-        known, units = {**self.outputs.own, **RESULTS}, self.p.units
+        known = {**self.outputs.own, **RESULTS}
         variables = {
-            name: Variable(self.dims, known[name].attributes(units) | self._derivative_attributes(name))
+            name: Variable(self.dims, known[name].attributes() | self._derivative_attributes(name))
             for name in self.outputs.names
         }
         if self.outputs.optimum:
             dims = tuple(dim for dim in self.dims if dim != "alpha")
             codes = {"alpha_max_kind": flags(KINDS, long_name="what makes the angle the best"),
                      "alpha_max_ended_by": flags(self.ends, long_name="how the cut ends at that angle")}  # fmt: skip
-            numbers = {name: RESULTS[name].attributes(units) for name in ("alpha_max", "volume_max")}
+            numbers = {name: RESULTS[name].attributes() for name in ("alpha_max", "volume_max")}
             variables |= {name: Variable(dims, attributes) for name, attributes in (numbers | codes).items()}
         return variables | {"ended_by": Variable(self.dims, flags(self.ends, long_name="how the cut ended"))}
 
@@ -413,7 +415,7 @@ class Grid(AnyGrid):
         if self.compared:
             coordinates["model"] = ("model", self.labels["model"], {"long_name": "model"})
         for name, values in self.axes.items():
-            coordinates[name] = (self.dim_of(name), values, self.quantities[name].attributes(self.p.units))
+            coordinates[name] = (self.dim_of(name), values, self.quantities[name].attributes())
         own = {label: own_in_words(model, but=self.axes) for label, model in self.loaded().items()}
         own = {label: f"{label}: {words}" if self.compared else words for label, words in own.items() if words}
         said = {
@@ -434,7 +436,7 @@ class Grid(AnyGrid):
         return {
             "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if order == 2 else ""),
             "symbol": f"d{power}V/d{by.symbol}{power}",
-            "units": ascii_unit(derivative_unit("volume", (by.dimension,) * order, self.p.units)),
+            "units": ascii_unit(derivative_unit("volume", (by.dimension,) * order, "si")),
         }
 
 
@@ -447,7 +449,11 @@ def make_grid(
     paired: Sequence[str] = (),
     own: Mapping[str, float] | None = None,
 ) -> Grid:
-    """A grid, with everything checked that can be known before; arguments as of `Grid`, errors as of `sweep`."""
+    """A grid, with everything checked that can be known before; arguments and errors as of `sweep`.
+
+    Bare numbers of `axes` are refused where `p.replace` refuses them, unless it is an `InSI`.
+    """
+    require_parameters(p)
     compared = isinstance(model, Sequence) and not isinstance(model, str)
     models = _labelled_models(model if compared else [model])
     beside = any(_loaded(source).removes_at_contact for source in models.values())
@@ -459,7 +465,8 @@ def make_grid(
     parameters = _common(models, (*axes, outputs.wrt))
     known = quantities(_loaded(next(iter(models.values()))))
     known = {name: known[name] for name in parameters}
-    arrays = {name: _axis(name, values, known, p.units) for name, values in axes.items()}
+    shown_in = "si" if isinstance(axes, InSI) else p.shown_in
+    arrays = {name: _axis(name, values, known, shown_in) for name, values in axes.items()}
     refuse(
         "Argument",
         (not arrays and not compared,
@@ -528,7 +535,7 @@ def _loaded(model: "CuttingModel | Named") -> CuttingModel:
         return model
     if model not in _known:
         loaded = load_model(model.name)
-        if model.digest is not None and model.digest != model_digest(loaded, TABLE_1):
+        if model.digest is not None and model.digest != model_digest(loaded):
             raise RuntimeError(f"{model.name}: is another model than that which the sweep was begun with.")
         _known[model] = loaded
     return _known[model]
@@ -544,22 +551,23 @@ def _source(model: Model) -> "CuttingModel | Named":
         return loaded
     # Another process, with another working directory, must find a model's file.
     is_file = str(model).endswith(".py")
-    its_digest = None if str(model) in BUILT_IN else model_digest(loaded, TABLE_1)
+    its_digest = None if str(model) in BUILT_IN else model_digest(loaded)
     named = Named(Path(model).absolute() if is_file else str(model), its_digest)
     _known.setdefault(named, loaded)
     return named
 
 
-def _axis(name: str, values: Any, parameters: Mapping[str, Quantity], units: System) -> np.ndarray:
-    """The values of an axis, in the case's units; those of an array with labels are read in the unit that it says."""
+def _axis(name: str, values: Any, parameters: Mapping[str, Quantity], shown_in: System) -> np.ndarray:
+    """The values of an axis in SI, also those of texts with units, and of an array whose labels say the unit."""
     if name not in parameters:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
     for number in values if isinstance(values, list | tuple) else [values]:
         require_concrete({name: number})
     quantity, unit = parameters[name], unit_of_labels(values)
     with about(f"Argument `{name}`"):
-        is_other = unit not in ("", quantity.unit(units))
-        size = factor(unit, quantity.dimension, units) if is_other and not quantity.fixed else 1.0
+        is_other = unit not in ("", quantity.unit("si"))
+        size = factor(unit, quantity.dimension) if is_other and not quantity.fixed else 1.0
+    values = values if unit else si_numbers(name, values, quantity, shown_in)
     array = real_numbers(name, values, unit=quantity.fixed or unit) * size
     is_list = array.ndim == 1 and array.size > 0
     refuse(

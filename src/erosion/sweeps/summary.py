@@ -21,7 +21,7 @@ from erosion.parameters import (
     declare_result,
     models_far_from_tests,
 )
-from erosion.results import Columns, Declared, Finding, Mark, Result, Value, from_attribute
+from erosion.results import Columns, Declared, Finding, Mark, Result, System, Value, from_attribute
 from erosion.sweeps.grid import in_words
 
 LOST = ("failed", "unfinished")
@@ -94,10 +94,15 @@ class SweepSummary(Result):
         far = models_far_from_tests(self.weights, volumes, at)
         return (*stored, *far, *([lost] if 0 < self.lost < impacts else []))
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
+
     def declare(self) -> list[Declared]:
         """Counts, and the least and the greatest volume and erosion."""
         sizes = {str(dim): length for dim, length in self.dataset.sizes.items()}
-        units, volume = self.dataset.attrs["unit_system"], self.dataset.volume
+        volume = self.dataset.volume
         erosion, volumes, at = self._erosion
         is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in self.weights.items())
         ends = (("least", volume.min()), ("greatest", volume.max()))
@@ -106,10 +111,10 @@ class SweepSummary(Result):
             Value("dimensions", [*sizes.values()], labels=[*sizes], only="data"),
             Value("impacts", int(volume.size), meaning=" × ".join(f"{n} {dim}" for dim, n in sizes.items())),
             Value("ended_by", [*self.ends.values()], meaning="impacts", labels=[*self.ends]),
-            *(declare_result("volume", float(value), units, meaning=f"{end} removed volume").but(name=f"volume_{end}")
+            *(declare_result("volume", float(value), meaning=f"{end} removed volume").but(name=f"volume_{end}")
               for end, value in ends),
-            *(RESULTS[name].declare(
-                f"{name}_{end}", of(values), "si", scale=PER_MASS_SCALES[name],
+            *(RESULTS[name].in_si(
+                f"{name}_{end}", of(values), scale=PER_MASS_SCALES[name],
                 meaning=f"{end} {RESULTS[name].meaning}", marks=[Mark(is_beyond and end == "greatest", BEYOND_TESTS)],
             ) for name, values in erosion.items() for end, of in (("least", min), ("greatest", max))),
         ]  # fmt: skip
@@ -176,19 +181,24 @@ class Comparison(Result):
         stored = from_attribute(self.curves.attrs.get("findings", ""))
         return (*stored, *lost, *models_far_from_tests(self.weights, greatest, self.p))
 
+    @property
+    def shown_in(self) -> System:
+        """Of the case."""
+        return self.p.shown_in
+
     def declare(self) -> list[Declared]:
         """A row for each model; a volume is marked where the body turns too far."""
-        units, alpha = self.p.units, self.at.alpha_max.values
+        alpha = self.at.alpha_max.values
         turned = Mark(self.at.turned_beyond.values, BEYOND)
         has_best = [None if math.isnan(angle) else angle for angle in alpha.tolist()]
         columns = [
             Value("model", self.models),
-            declare_result("volume", self.at.volume.values, units, marks=[turned]),
+            declare_result("volume", self.at.volume.values, marks=[turned]),
             *self._erosion("", self.at.volume.values, [turned]),
             Value("ended_by", self._words("ended_by"), "ends by"),
             Value("turned_beyond", self.at.turned_beyond.values, only="data"),
-            declare_result("alpha_max", has_best, units, marks=[Mark(alpha == 0, "the limit as α → 0, not reached")]),
-            declare_result("volume_max", self.at.volume_max.values, units),
+            declare_result("alpha_max", has_best, marks=[Mark(alpha == 0, "the limit as α → 0, not reached")]),
+            declare_result("volume_max", self.at.volume_max.values),
             *self._erosion("_max", self.at.volume_max.values),
             Value("kind", self._words("alpha_max_kind")),
             Value("alpha_max_ended_by", self._words("alpha_max_ended_by"), "ends by"),
@@ -209,9 +219,7 @@ class Comparison(Result):
             if any(name in each for each in numbers):
                 known = [float(each[name]) if name in each else None for each in numbers]
                 more = {"scale": PER_MASS_SCALES[name], "symbol": f"E{end}", "marks": [*marks, beyond]}
-                values.append(
-                    RESULTS[name].declare(f"{name}{end}", known, "si", only="" if name == shown else "data", **more)
-                )
+                values.append(RESULTS[name].in_si(f"{name}{end}", known, only="" if name == shown else "data", **more))
         return values
 
 

@@ -315,7 +315,7 @@ def sweep(
 ) -> xr.Dataset:
     """Compute impacts over a grid: the product of the axes, or some of them going together.
 
-        erosion.sweep("rotating", p, alpha=np.deg2rad(range(1, 91)), v0=[2200, 4400])
+        erosion.sweep("rotating", p, alpha=np.deg2rad(range(1, 91)), v0=["50 m/s", "100 m/s"])
         erosion.sweep(["finnie", "rotating"], p, alpha=…, k=…, paired=("alpha", "k"))
 
     Args:
@@ -337,12 +337,12 @@ def sweep(
             returns a finished one; the bits do not depend on where and how often it was
             interrupted.
         progress: called with "sweep", the number of impacts that are done, and the number of all.
-        **axes: parameter name, of the case or every model's own, to one-dimensional values, in the
-            units of `p`.
+        **axes: parameter name, of the case or every model's own, to one-dimensional values: numbers in SI, or texts
+            with units, as `p.replace` reads them.
 
     Returns:
         volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings explain
-        them), derivatives, turns and best angles if asked for, over the axes, with units and the whole case; and
+        them), derivatives, turns and best angles if asked for, over the axes, in SI with units, and the whole case; and
         volume_at_contact, if a model removes something beside the cut.
 
     Raises:

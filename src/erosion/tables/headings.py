@@ -21,7 +21,6 @@ from erosion.parameters.quantities import (
     DIMENSIONS,
     Dimension,
     Scale,
-    System,
     UnitError,
     ascii_unit,
     read_quantity,
@@ -95,12 +94,11 @@ class Wanted:
     names: Sequence[str] = ()
     words: str = ""
 
-    def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
-        """Dimension and size of a unit in the units of a system; None where a unit is needed.
+    def measure(self, unit: str, *, is_alias: bool) -> tuple[Dimension, float] | None:
+        """Dimension and size in SI of a unit; None where a unit is needed.
 
         Args:
             unit: as it is written; empty without one.
-            system: the unit system.
             is_alias: whether the column has another name than the quantity.
 
         Raises:
@@ -113,13 +111,13 @@ class Wanted:
             raise UnitError(f"must be none, as of a pure number, but is {briefly(unit)}")
         for dimension in self.dimensions:
             with contextlib.suppress(UnitError):
-                return dimension, self.factor(unit, dimension, system)
+                return dimension, self.factor(unit, dimension)
         listed = " or ".join(", ".join(self.dimensions).rsplit(", ", 1))
         raise UnitError(f"must be that of {_article(listed)}, but is {briefly(unit)}")
 
-    def factor(self, unit: str, dimension: Dimension, system: System) -> float:
+    def factor(self, unit: str, dimension: Dimension) -> float:
         """See the function of this name."""
-        return factor(unit, dimension, system)
+        return factor(unit, dimension)
 
     @property
     def example(self) -> str:
@@ -219,29 +217,26 @@ def matching(
     ]
 
 
-def factor(
-    unit: str, dimension: Dimension, units: System, read: Callable[[str, Dimension, System], float] = read_quantity
-) -> float:
-    """The factor of a column's numbers; its unit may have a number of its own, "1e-4 in^3".
+def factor(unit: str, dimension: Dimension, read: Callable[[str, Dimension], float] = read_quantity) -> float:
+    """The factor of a column's numbers to SI; its unit may have a number of its own, "1e-4 in^3".
 
     Args:
         unit: as it is written.
         dimension: of the numbers.
-        units: the unit system of the result.
         read: `read_removal` for an erosion, which may be per impact.
 
     Raises:
         UnitError: as of `read_quantity`, and for a number of its own that is zero or not finite.
     """
-    size = read(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
+    size = read(unit if _NUMBER.match(unit) else f"1 {unit}", dimension)
     if not 0 < size < math.inf:
         raise UnitError(f"must be of a positive, finite size, but is {briefly(unit)}")
     return size
 
 
-def scale_of(unit: str, dimension: Dimension, units: System) -> Scale:
+def scale_of(unit: str, dimension: Dimension) -> Scale:
     """A unit of erosion that is written in ASCII or not, for tables and figures; errors as of `factor`."""
-    return Scale(factor(unit, dimension, units, read_removal), unit.replace("^2", "²").replace("^3", "³"))
+    return Scale(factor(unit, dimension, read_removal), unit.replace("^2", "²").replace("^3", "³"))
 
 
 def heading_parts(text: str) -> tuple[str, str]:
@@ -389,7 +384,7 @@ def _dimension(unit: str, dimensions: Iterable[Any]) -> Dimension | None:
     for dimension in dimensions:
         if dimension != "1":
             with contextlib.suppress(UnitError):
-                factor(unit, dimension, "si", read_removal)
+                factor(unit, dimension, read_removal)
                 return dimension
     return None
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.output import list_item, split_list
-from erosion.parameters.quantities import Dimension, System, UnitError
+from erosion.parameters.quantities import Dimension, UnitError
 from erosion.tables.frames import open_source
 from erosion.tables.headings import (
     IgnoreError,
@@ -103,7 +103,6 @@ def open_table(
     ignore: Sequence[str] = (),
     sep: str | None = None,
     decimal: str | None = None,
-    units: System = "si",
     refused: Mapping[str, Wanted] | None = None,
     remedy: str = "name it in Argument `ignore` ({0}), or say by Argument `columns` what it is ({1})",
 ) -> Table:
@@ -116,7 +115,6 @@ def open_table(
         ignore: columns that are left out, by their headings or the names in them; a text is a list, see `split_list`.
         sep: what separates the cells of a text: ",", ";", "tab" or " "; the header shows it otherwise.
         decimal: the mark of decimals of a text; the numbers show it otherwise.
-        units: the unit system of the numbers.
         refused: quantities that no column may have.
         remedy: what helps with a column that is refused, a template for its heading and for its entry in `columns`.
 
@@ -146,9 +144,9 @@ def open_table(
                 f"{remedy.format(*_typed(opened.headings, head, text))}."
             )
         try:
-            measured = wanted[heading.name].measure(heading.unit, units, is_alias=heading.alias)
+            measured = wanted[heading.name].measure(heading.unit, is_alias=heading.alias)
             other = opened.units.get(head, heading.unit)
-            beside_it = wanted[heading.name].measure(other, units, is_alias=heading.alias)
+            beside_it = wanted[heading.name].measure(other, is_alias=heading.alias)
         except UnitError as error:
             raise TableError(f"{place}: the unit {error}.") from error
         if measured is None:

@@ -1,7 +1,7 @@
 """The additional questions: bodies that turn, other force ratios; slips of the source, and all models side by side."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from erosion.impacts import ASIDE, alpha_max, impact, turn_of, turned_beyond
 from erosion.models import BUILT_IN, NoDeformation, RigidParticle, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record
-from erosion.parameters import QUANTITIES
+from erosion.parameters import QUANTITIES, Scale, System, unit_size
 from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_family, plot_shapes, plot_turn
 from erosion.plotting.labels import coinciding, model_title
 from erosion.plotting.sweeps import plot_regimes
@@ -84,7 +84,7 @@ def body_may_turn(case: ReportCase) -> Answer:
         "rotation": panel(
             plot_family,
             case.curves({LINEARIZED: "no rotation", **TORQUES}),
-            units=case.units,
+            system=case.units,
             columns=2,
         ),
         "best-angle-over-spin": panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
@@ -237,7 +237,7 @@ def ratio_is_tan_alpha(case: ReportCase) -> Answer:
     curves = case.curves(_RATIOS)
     return Answer(
         numbers,
-        {"tan-alpha": panel(plot_family, curves, units=case.units, columns=2)},
+        {"tan-alpha": panel(plot_family, curves, system=case.units, columns=2)},
         curves=_curves(case, [_TURNING]),
     )
 
@@ -260,7 +260,7 @@ def force_opposes_motion(case: ReportCase) -> Answer:
         }
     curves = case.curves({aligned: label for label, (_, aligned) in _PAIRS.items()})
     figures = {
-        "velocity-aligned": panel(plot_family, curves, units=case.units, columns=2),
+        "velocity-aligned": panel(plot_family, curves, system=case.units, columns=2),
         "velocity-aligned-difference": panel(plot_differences, case.looks, differences, height=4.0),
     }
     fields = {
@@ -281,10 +281,14 @@ def slips(case: ReportCase) -> Answer:
     fields = {
         "readings": {label: readings[model] for model, label in _READINGS.items()},
         "greatest_volume": max(reading["volume_max"] for reading in readings.values()),
+        "force": Scale(unit_size("stress", case.units) * unit_size("area", case.units), _FORCES[case.units]),
     }
-    figure = panel(plot_family, case.curves(_READINGS), height=4.0, units=case.units)
+    figure = panel(plot_family, case.curves(_READINGS), height=4.0, system=case.units)
     numbers = {"force_at_contact": float(case.p.stiffness * case.p.r), **readings}
     return Answer(numbers, {"as-printed": figure}, fields, _curves(case, _READINGS))
+
+
+_FORCES: Mapping[System, str] = {"inch-pound": "lbf", "si": "N"}
 
 
 def all_models(case: ReportCase) -> Answer:
@@ -316,7 +320,7 @@ def all_models(case: ReportCase) -> Answer:
     titles = {model: model_title(model) for model in BUILT_IN}
     drawn = {model: f"{title} ({model})" for model, title in titles.items() if model not in fields["hidden"]}
     figures = {
-        "models": panel(plot_family, case.curves(drawn), width=6.4, height=7.2, units=case.units, columns=1),
+        "models": panel(plot_family, case.curves(drawn), width=6.4, height=7.2, system=case.units, columns=1),
         "correlations": panel(
             plot_shapes,
             case.curves({model: titles[model] for model in _BESIDE}),

@@ -8,8 +8,6 @@ from erosion.parameters import (
     PER_MASS_SCALES,
     Dimension,
     Parameters,
-    Scale,
-    conversion_factor,
     readable_scale,
 )
 from erosion.plotting.curves import plot_end_times, plot_optimum
@@ -104,7 +102,7 @@ def end_of_cut(case: ReportCase) -> Answer:
         case.angles,
         {name: np.asarray(times) for name, times in case.closed.end_times(over_angles).items()},
         np.asarray(case.closed.t_c(over_angles)),
-        units=case.units,
+        system=case.units,
         # The real part of the complex root of cos ωt = 1 - k cot α is π/ω wherever 1 - k cot α < -1.
         real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
         marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
@@ -126,8 +124,6 @@ def midpoint_rule(case: ReportCase, panels: int) -> float:
 def removed_volume(case: ReportCase) -> Answer:
     """V by closed form, by the integrator, by the midpoint rule and from the speeds at both ends."""
     p, motion = case.p, case.trajectory
-    to_si = conversion_factor("volume", case.units, "si")
-    scale = readable_scale("volume", "si", case.volume * to_si)
     volumes = {
         "volume": case.volume,
         "volume_numerical": motion.volume,
@@ -138,7 +134,6 @@ def removed_volume(case: ReportCase) -> Answer:
               for name, volume in (volumes | midpoint).items()}  # fmt: skip
     numbers = {
         **volumes,
-        "volume_si": case.volume * to_si,
         "volume_midpoint": midpoint,
         "relative_error": errors,
         "panels": list(_PANELS),
@@ -150,7 +145,7 @@ def removed_volume(case: ReportCase) -> Answer:
         figures = {"rate-of-removal": figure}
     fields = {
         "disagreement": max(errors["volume_numerical"], errors["volume_from_speeds"]),
-        "si": Scale(scale.size / to_si, scale.unit),
+        "si": readable_scale("volume", "si", case.volume),
     }
     return Answer(numbers, figures, fields)
 
