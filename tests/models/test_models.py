@@ -32,7 +32,7 @@ def test_a_variant_is_a_choice_of_parts():
 
 
 def test_maxima_of_the_closed_forms():
-    # tests/golden-numbers.md.
+    # tests/golden-numbers.md, in in³.
     for name, degrees, volume in (
         ("linearized", 31.717474411, 2.135029315836e-4),
         ("finnie", 16.845033763, 1.045953579327e-4),
@@ -40,7 +40,7 @@ def test_maxima_of_the_closed_forms():
         exact = closed_form(name)
         best = exact.alpha_max(P)
         assert np.rad2deg(float(best)) == pytest.approx(degrees, abs=1e-9)
-        assert float(exact.volume(P.replace(alpha=best))) == pytest.approx(volume, rel=1e-12, abs=0)
+        assert float(exact.volume(P.replace(alpha=best))) == pytest.approx(volume * 0.0254**3, rel=1e-12, abs=0)
     assert np.isnan(closed_form("tan-alpha").alpha_max(P))
 
 

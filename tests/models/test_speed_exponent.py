@@ -14,13 +14,13 @@ P = erosion.TABLE_1.to("si")
 DEGREES, SPEEDS = (part.ravel() for part in np.meshgrid([10, 20, 30, 45, 60, 80], [60.0, 98.0]))
 
 
-@pytest.mark.parametrize(("name", "units"), [("finnie", "si"), ("rotating-deformation", "inch-pound")])
-def test_volumes_and_derivatives_are_those_of_the_model_times_a_power(name, units):
-    p = P.to(units).replace(alpha=np.array([0.2, 0.5, 1.2]), v0=P.to(units).v0 * np.array([0.5, 1.0, 2.0]))
+@pytest.mark.parametrize("name", ["finnie", "rotating-deformation"])
+def test_volumes_and_derivatives_are_those_of_the_model_times_a_power(name):
+    p = P.replace(alpha=np.array([0.2, 0.5, 1.2]), v0=P.v0 * np.array([0.5, 1.0, 2.0]))
     model, wrt = load_model(f"{name}-exponent").replace(speed_exponent=2.6), ("alpha", "v0")
     hits = erosion.impact(model, p, derivatives=1, wrt=(*wrt, "speed_exponent"), rtol=1e-11)
     alone = erosion.impact(name, p, derivatives=1, wrt=wrt, rtol=1e-11)
-    speed = p.to("si").v0 / 100
+    speed = p.v0 / 100
     np.testing.assert_allclose(hits.volume, alone.volume * speed**0.6, rtol=1e-14)
     slopes = alone.dvolume + np.stack([np.zeros(3), alone.volume * 0.6 / p.v0], axis=1)
     np.testing.assert_allclose(hits.dvolume[:, :2], slopes * speed[:, None] ** 0.6, rtol=1e-9)
