@@ -123,10 +123,10 @@ def test_an_optimum_is_numbers_by_name():
     assert json.loads(to_json(numbers)) == numbers
     assert (numbers["model"], numbers["own_parameters"], numbers["kind"]) == ("rotating", {}, ["jump", "interior"])
     assert numbers["parameters"]["alpha"] == numbers["alpha"] == best.alpha.tolist()
-    in_inches = numbers["candidates"]
-    assert [each["dim_0"] for each in in_inches] == [i for i in range(2) for _ in best.candidates[i]]
-    assert (in_inches[0]["alpha"], numbers["units"]["value"]) == (best.candidates[0][0].alpha, "in^3")
-    assert in_inches[0]["value"] * 0.0254**3 == pytest.approx(best.candidates[0][0].value, rel=1e-15)
+    candidates = numbers["candidates"]
+    assert [each["dim_0"] for each in candidates] == [i for i in range(2) for _ in best.candidates[i]]
+    assert (candidates[0]["alpha"], numbers["units"]["value"]) == (best.candidates[0][0].alpha, "m^3")
+    assert candidates[0]["value"] == pytest.approx(best.candidates[0][0].value, rel=1e-15)
     described = {"own_parameters", "parameters", "units", "findings"}
     assert set(numbers) - described == set(vars(best)) - {"p", "integrand", "sensitivities"}
 

@@ -25,6 +25,8 @@ P = erosion.TABLE_1.to("si")
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 
 
+INCH3 = 0.0254**3  # m³; the golden numbers are in inches
+
 pytestmark = pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 
 
@@ -33,7 +35,7 @@ def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
     cut = erosion.simulate(name, P)
     assert cut.ended_by == figure.ended_by
-    assert cut.volume == pytest.approx(figure.volume, rel=1e-11, abs=0)  # printed to 13 digits
+    assert cut.volume == pytest.approx(figure.volume * INCH3, rel=1e-11, abs=0)  # printed to 13 digits
     assert cut.t_c == pytest.approx(figure.t_c, rel=1e-10, abs=0)
 
 
@@ -41,7 +43,7 @@ def test_as_printed_is_the_literal_reading():
     cut = erosion.simulate("as-printed", P)
     volume, t_c, ended_by = AS_PRINTED
     assert cut.ended_by == ended_by
-    assert cut.volume == pytest.approx(volume, rel=2e-11, abs=0)
+    assert cut.volume == pytest.approx(volume * INCH3, rel=2e-11, abs=0)
     assert cut.t_c == pytest.approx(t_c, rel=1e-9, abs=0)
 
 
@@ -192,7 +194,7 @@ def test_other_solvers_and_controllers_agree():
 
     cut = erosion.simulate("rotating", P, solver=diffrax.Tsit5(),
                   stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-14))  # fmt: skip
-    assert cut.volume == pytest.approx(AT_20_DEGREES["rotating"].volume, rel=1e-7, abs=0)
+    assert cut.volume == pytest.approx(AT_20_DEGREES["rotating"].volume * INCH3, rel=1e-7, abs=0)
 
 
 def test_an_endless_cut_is_an_error():
@@ -301,7 +303,7 @@ def test_a_path_across_a_kink_has_its_derivative_near_a_right_angle() -> None:
     # A difference of volumes at 89.99°, over 2e-5 rad.
     model = erosion.load_model(Path(__file__).parents[2] / "models" / "opposing_tip.py")
     cut = path(model, P.replace(alpha=np.deg2rad(89.99)))
-    assert cut.dvolume == pytest.approx(-1.3724186552e-4, rel=1e-9)
+    assert cut.dvolume == pytest.approx(-1.3724186552e-4 * INCH3, rel=1e-9)
 
 
 ALPHAS = np.linspace(0.05, 1.5, 7)
