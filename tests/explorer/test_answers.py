@@ -112,11 +112,11 @@ def test_answers_are_of_the_own_parameters_of_the_case() -> None:
 
 
 def test_a_best_angle_that_nothing_is_known_to_move_has_the_reason() -> None:
-    limit = alpha_max("rotating", TABLE_1.replace(k=1.0))
-    state = PageState(CASE.replace(k=1.0), ("rotating",), "rotating")
-    answers = {("best", "rotating"): limit, ("sensitivities", "rotating"): limit.sensitivities}
-    option, _, said = sensitivities(Computed(state, answers), ["rotating"])
-    assert option["title"]["text"] == f"not known: {limit.without_sensitivities}"
+    plateau = alpha_max("linearized", TABLE_1, objective="t_c")
+    state = PageState(CASE, ("linearized",), "linearized")
+    answers = {("best", "linearized"): plateau, ("sensitivities", "linearized"): plateau.sensitivities}
+    option, _, said = sensitivities(Computed(state, answers), ["linearized"])
+    assert option["title"]["text"] == f"not known: {plateau.without_sensitivities}"
     assert option["title"]["text"] in said
 
 

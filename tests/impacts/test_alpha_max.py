@@ -59,6 +59,20 @@ def test_the_sensitivity_of_the_best_angle_is_how_it_moves(spin, kind, h, rel):
         assert best.sensitivities[name] * q == pytest.approx((above - below) / (2 * h), rel=rel, abs=1e-9)
 
 
+# At its end the cut has turned by the limit; where the cut jumps; before the body turns back.
+@pytest.mark.parametrize(
+    ("k", "spin", "turn"), [(1.0, 0.0, 1.0), (1.61, 0.49, 0.8), (0.45, 0.22, 0.599)], ids=["end", "jump", "graze"]
+)
+def test_a_limit_of_the_turn_moves_as_its_turn_does(k, spin, turn):
+    p, h = spun(spin, k=k), 1e-3
+    best = alpha_max("rotating", p, max_turn=1.0)
+    assert (best.kind, best.turn) == ("limit", pytest.approx(turn, abs=1e-3))
+    for name in ("k", "v0", "r", "inertia"):
+        q = getattr(p, name)
+        below, above = alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])}), max_turn=1.0).alpha
+        assert best.sensitivities[name] * q == pytest.approx((above - below) / (2 * h), rel=1e-4, abs=1e-6)
+
+
 def test_a_supremum_that_is_never_reached_is_a_boundary():
     best = alpha_max("tan-alpha", P)
     assert (best.kind, best.alpha, best.attained) == ("boundary", 0.0, False)

@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +27,7 @@ from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallow
 from erosion.impacts.turn import (
     BEYOND,
     TURNED,
+    Turn,
     TurnLimited,
     check_max_turn,
     pushed_forward,
@@ -127,10 +128,10 @@ _NO_RATES = {
     "plateau": "no angle of a plateau is better than the others",
     "unresolved": "there are no derivatives there",
     "jump": "the cut does not graze at this jump",
-    "limit": "the angle is at the greatest turn that is allowed",
     "none": "nothing is removed at any angle",
 }
 
+_AT_LIMIT = 1e-6  # of the greatest turn: a cut that ends so near it ends at it
 _DISTANCES = 1e-7, 4e-7, 16e-7  # rad, from a jump or a kink; a quotient at it is continued from these
 
 
@@ -214,9 +215,10 @@ class Optimum(Result):
         """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
-        on the side that grazes. Kink: -[V_q]/[V_α], where [ ] is the difference of both sides. Boundary: 0.
-        NaN where it is not known: at a limit of the turn, on a plateau, where derivatives do not exist
-        ("unresolved"), at a jump without
+        on the side that grazes. Kink: -[V_q]/[V_α], where [ ] is the difference of both sides. Limit of the turn:
+        -φ_q/φ_α of the orientation φ at the end of the cut, or as at a jump where the turn grazes `max_turn` before
+        it. Boundary: 0.
+        NaN where it is not known: on a plateau, where derivatives do not exist ("unresolved"), at a jump without
         a graze (as where cutting begins), and where nothing is removed. A sensitivity below the rounding (1e-11 rad
         for a change of q by its own size) is given as 0.
         """
@@ -479,7 +481,10 @@ def _volume_at(
     return volume[()], np.where(inside, hits.ended_by, ended_by)[()]
 
 
-_AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numbers of cases, and angles for them
+class _AlongAngle(Protocol):
+    """First and second derivatives by α, and by α and each of some names, of given cases at given angles."""
+
+    def __call__(self, cases: np.ndarray, angles: np.ndarray, of: Objective = ...) -> PairDerivatives: ...
 
 
 def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
@@ -495,11 +500,11 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     # An end of the range stays where it is.
     rates = np.where(kind.ravel() == "boundary", 0.0, np.full((len(names), kind.size), np.nan))
 
-    def along_angle(cases: np.ndarray, angles: np.ndarray) -> PairDerivatives:
+    def along_angle(cases: np.ndarray, angles: np.ndarray, of: Objective = OBJECTIVES["volume"]) -> PairDerivatives:
         varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
-        return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
+        return pair_derivatives(of(varied), at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
-    for of_kind, rates_of in (("interior", _along_interior), ("jump", _along_jump), ("kink", _along_kink)):
+    for of_kind, rates_of in _RATES_OF.items():
         cases = np.flatnonzero(kind.ravel() == of_kind)
         if cases.size:
             with np.errstate(all="ignore"):
@@ -522,14 +527,14 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
     both t_q and t_α grow, and -t_q/t_α tends to -g_q/g_α. The quotient is a series in the root
     of the distance from the jump.
     """
-    alpha = np.ravel(optimum.alpha)[cases]
-    jumps = np.ravel(optimum.jumps) if np.ndim(optimum.kind) else [optimum.jumps]
-    # The candidate is beside its jump.
-    beside = ([jump.alpha for jump in jumps[case]] for case in cases)
-    at = np.array([min(angles, key=lambda angle, a=a: abs(angle - a)) for angles, a in zip(beside, alpha, strict=True)])
+    at = _beside(cases, optimum, optimum.jumps, lambda jump: jump.alpha)
     # On the side that grazes the cut ends earlier: it is the side that is attained.
-    below, attained = (np.ravel(mask)[cases] for mask in (np.asarray(optimum.side) == "below", optimum.attained))
-    towards = np.where(below == attained, -1.0, 1.0)
+    return _along_graze(along_angle, cases, at, below=_is_below(cases, optimum) == np.ravel(optimum.attained)[cases])
+
+
+def _along_graze(along_angle: _AlongAngle, cases: np.ndarray, at: np.ndarray, *, below: np.ndarray) -> np.ndarray:
+    """dα/dq of some angles, `below` or above which an event grazes; NaN where none does."""
+    towards = np.where(below, -1.0, 1.0)
     times = [along_angle(cases, at + towards * distance).t_c for distance in _DISTANCES]
     rates = _at_no_distance([(-time.by_second[:, 1:] / time.by_first[:, :1]).T for time in times])
     nearest, farthest = (np.abs(times[i].by_first[:, 0]) for i in (0, -1))
@@ -537,6 +542,35 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
     # t_α may be zero but for rounding there.
     is_graze = (nearest > 2 * farthest) & (nearest > 1e-6 * times[0].value)
     return np.where(is_graze, rates, np.nan)
+
+
+def _along_limit(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the limits of the turn of some cases, shape (names, cases).
+
+    The turn by which the cut ends stays the greatest that is allowed. Else the body turns back before, so that the
+    turn grazes its limit on the side beyond, or the limit is a jump of the cut.
+    """
+    assert optimum.max_turn is not None
+    at, below = _beside(cases, optimum, optimum.regimes, lambda regime: regime.high), _is_below(cases, optimum)
+    whole = along_angle(cases, np.ravel(optimum.alpha)[cases], Turn).volume
+    at_end = np.abs(np.abs(whole.value) - optimum.max_turn) < _AT_LIMIT * optimum.max_turn
+    limited = functools.partial(along_angle, of=functools.partial(TurnLimited, max_turn=optimum.max_turn))
+    beside = _along_graze(limited, cases, at, below=~below)
+    of_jump = _along_graze(along_angle, cases, at, below=below)
+    beside = np.where(np.isfinite(beside), beside, of_jump)
+    return np.where(at_end, (-whole.by_second[:, 1:] / whole.by_first[:, :1]).T, beside)
+
+
+def _beside(cases: np.ndarray, optimum: Optimum, of_each: PerImpact, place: Callable[[Any], float]) -> np.ndarray:
+    """The place of the jump or limit that the optimum of each of some cases is beside [rad]."""
+    each = np.ravel(of_each) if np.ndim(optimum.kind) else [of_each]
+    both = zip(cases, np.ravel(optimum.alpha)[cases], strict=True)
+    return np.array([min(map(place, each[case]), key=lambda at, alpha=alpha: abs(at - alpha)) for case, alpha in both])
+
+
+def _is_below(cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """Of some cases whether the optimum is below the jump or limit beside it."""
+    return np.ravel(np.asarray(optimum.side) == "below")[cases]
 
 
 def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
@@ -557,3 +591,12 @@ def _at_no_distance(quotients: Sequence[np.ndarray]) -> np.ndarray:
     """A quotient at a place, from those at `_DISTANCES`, which cancel the terms of the distance and of its root."""
     nearest, middle, farthest = quotients
     return (8 * nearest - 6 * middle + farthest) / 3
+
+
+_RATES_OF: Mapping[str, Callable[[_AlongAngle, np.ndarray, Optimum], np.ndarray]] = {
+    "interior": _along_interior,
+    "jump": _along_jump,
+    "limit": _along_limit,
+    "kink": _along_kink,
+}
+"""By the kind of an optimum, dα/dq of some cases of this kind, shape (names, cases)."""
