@@ -171,6 +171,18 @@ def test_a_legend_with_a_name_wider_than_the_figure_is_not_cut(letters: int) -> 
     assert (picture != 1).any()
 
 
+def test_a_legend_of_a_part_of_a_figure_is_not_cut() -> None:
+    with pytest.warns(erosion.TurnWarning):  # so that the legend has one entry more
+        cut = simulate("rotating-velocity-aligned-full-torque", TABLE_1)
+    fig = plot_trajectory(cut)
+    part, height = fig.subfigs[0], fig.get_figheight()
+    assert part.legends[0].get_window_extent().width > part.bbox.width
+    fit_legends(fig)
+    (legend,) = part.legends
+    assert legend.get_window_extent().width <= part.bbox.width
+    assert fig.get_figheight() > height
+
+
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name: str) -> None:
     with pytest.raises(ValueError, match=r"must end in \.svg, \.png or \.pdf\.$"):
@@ -271,7 +283,7 @@ def test_rotating_body_shows_tip_and_centre_of_mass() -> None:
     np.testing.assert_allclose(line(x_panel, "centre of mass")[1], cut.x / INCH)
     np.testing.assert_allclose(line(y_panel, "centre of mass")[1], cut.y / INCH)
     heading = fig.get_suptitle()
-    assert heading.startswith("rotating at α = 20°: rebound after 49.68 µs")
+    assert heading.startswith("full rotation, constant K = k, torque r Fₓ\nat α = 20°: rebound after 49.68 µs")
     assert "1.0141·10⁻⁴ in³ removed, turned by 69.69°" in heading
 
 

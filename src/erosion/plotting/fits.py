@@ -19,7 +19,7 @@ from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FitProblem
 from erosion.models import model_name
 from erosion.parameters import QUANTITIES, RESULTS, Scale, in_si, readable_scale, unit_name
-from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
+from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding, model_title
 from erosion.plotting.style import angle_axis, house_style, legend_below, mark_turned, new_figure, typeset
 from erosion.results import Finding, found
 
@@ -89,7 +89,7 @@ def _draw_curves(
     ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, level: float
 ) -> None:
     """Each fit's curve for each group, with the band of the first one's mean."""
-    degrees, names = np.rad2deg(_FIT_ANGLES), [model_name(fit.model) for fit in fits]
+    degrees, names = np.rad2deg(_FIT_ANGLES), [model_title(model_name(fit.model)) for fit in fits]
     drawn = [np.stack([fit.curve(_FIT_ANGLES, group.values)[0] for group in groups]) for fit in fits]
     for rank, (fit, same) in enumerate(zip(fits, coinciding(drawn, _ALIKE), strict=True)):
         name = f"{names[rank]}, as {names[same[0]]}" if same else names[rank]
@@ -271,7 +271,9 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     angle_axis(axes[-1])
     axes[-1].set_xlim(0, _RIGHT)
     what = groups[0].label if is_alone else data.source
-    upper.set_title(f"{model_name(predictor.problem.model)}  {what}", fontsize="small", loc="left", wrap=True)
+    upper.set_title(
+        f"{model_title(model_name(predictor.problem.model))}\n{what}", fontsize="small", loc="left", wrap=True
+    )
     upper.set_ylim(bottom=0)
     _mark_turned(upper, predictor, groups)
     legend_below([upper, *lower], 4, title=f"bands: of the mean, by {', '.join(predictor.parts)}")

@@ -21,7 +21,18 @@ from erosion.output import briefly
 from erosion.parameters import RESULTS, readable_scale
 from erosion.plotting.curves import draw_parted
 from erosion.plotting.dynamics import SHARES, dynamics
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, round_length
+from erosion.plotting.labels import (
+    AT_CONTACT,
+    DIM,
+    ENDS,
+    FAINT,
+    HISTORIES,
+    INK,
+    NOTHING,
+    PALETTE,
+    model_title,
+    round_length,
+)
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
@@ -107,7 +118,7 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
         if trajectory.t_c
         else NOTHING
     )
-    heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
+    heading = f"{model_title(model_name(trajectory.model))}\nat α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     at_contact = trajectory.volume_at_contact
     removed, beside = (RESULTS["volume"].in_words(part, p.shown_in, 5) for part in (trajectory.volume, at_contact))
     share = f", {beside} {AT_CONTACT}" if at_contact else ""

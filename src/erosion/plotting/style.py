@@ -11,13 +11,13 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.legend import Legend
 from matplotlib.ticker import LogFormatter
 
@@ -176,51 +176,75 @@ def save_plots(make: Callable[[], Figure], files: Mapping[Path, float | None]) -
 
 @house_style()
 def fit_legends(figure: Figure) -> None:
-    """Give legends that are wider than the figure fewer columns, and break their texts where that is not enough."""
-    axes = reversed(figure.axes)  # marks of the first panels have the colour of ink
-    whole = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    for legend in list(figure.legends):
-        title = "\n".join(textwrap.wrap(legend.get_title().get_text(), int(_LETTERS * figure.get_figwidth())))
-        for columns in (2, 1):
-            if _overhang(figure, legend) <= 0:
-                break
-            height = legend.get_window_extent().height
-            legend.remove()
-            labels = [text.get_text() for text in legend.get_texts()]
-            # Those of the axes: of marks with bars the legend's own are lines.
-            handles: Any = [whole.get(label, own) for label, own in zip(labels, legend.legend_handles, strict=True)]
-            legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title or None)
-            _grow(figure, legend, height)
-        if (overhang := _overhang(figure, legend)) <= 0:
-            continue
-        height, widths = legend.get_window_extent().height, [_width(figure, text) for text in legend.get_texts()]
-        room = _SPARE * (max(widths) - overhang)
-        for text, width in zip(legend.get_texts(), widths, strict=True):
-            if width > room:
-                words = text.get_text()
-                text.set_text("\n".join(textwrap.wrap(words, max(1, int(len(words) * room / width)))))
+    """Give legends that are wider than their figure fewer columns, and break their texts where that is not enough."""
+    for part in (figure, *figure.subfigs):
+        axes = reversed(part.axes)  # marks of the first panels have the colour of ink
+        whole = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        for legend in list(part.legends):
+            _fit_legend(part, legend, whole)
+
+
+def _fit_legend(figure: Figure | SubFigure, legend: Legend, whole: Mapping[str, Any]) -> None:
+    """See `fit_legends`.
+
+    Args:
+        figure: of the legend.
+        legend: to be fitted.
+        whole: the marks of the axes by their labels: of those with bars the legend's own are lines.
+    """
+    title = "\n".join(textwrap.wrap(legend.get_title().get_text(), int(_LETTERS * _inches(figure))))
+    for columns in (2, 1):
+        if _overhang(figure, legend) <= 0:
+            break
+        height = legend.get_window_extent().height
+        legend.remove()
+        labels = [text.get_text() for text in legend.get_texts()]
+        handles: Any = [whole.get(label, own) for label, own in zip(labels, legend.legend_handles, strict=True)]
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title or None)
         _grow(figure, legend, height)
+    if (overhang := _overhang(figure, legend)) <= 0:
+        return
+    height, widths = legend.get_window_extent().height, [_width(figure, text) for text in legend.get_texts()]
+    room = _SPARE * (max(widths) - overhang)
+    for text, width in zip(legend.get_texts(), widths, strict=True):
+        if width > room:
+            words = text.get_text()
+            text.set_text("\n".join(textwrap.wrap(words, max(1, int(len(words) * room / width)))))
+    _grow(figure, legend, height)
 
 
-def _width(figure: Figure, artist: Artist) -> float:
+def _inches(figure: Figure | SubFigure) -> float:
+    """The width of a figure [inch]."""
+    return figure.bbox.width / figure.dpi
+
+
+def _width(figure: Figure | SubFigure, artist: Artist) -> float:
     """The width of a part of a figure [inch]; the greatest, as hinted letters of a file in pixels are wider."""
-    dpi, widths = figure.get_dpi(), []
+    whole, widths = _whole(figure), []
+    dpi = whole.get_dpi()
     for dots in (float(mpl.rcParams["savefig.dpi"]), _UNHINTED):
-        figure.set_dpi(dots)
+        whole.set_dpi(dots)
         widths.append(artist.get_window_extent().width / dots)
-    figure.set_dpi(dpi)
+    whole.set_dpi(dpi)
     return max(widths)
 
 
-def _overhang(figure: Figure, legend: Legend) -> float:
+def _overhang(figure: Figure | SubFigure, legend: Legend) -> float:
     """By how much a legend is wider than its figure [inch]."""
-    return _width(figure, legend) - figure.get_figwidth()
+    return _width(figure, legend) - _inches(figure)
 
 
-def _grow(figure: Figure, legend: Legend, height: float) -> None:
+def _grow(figure: Figure | SubFigure, legend: Legend, height: float) -> None:
     """Make the figure higher by what its legend has grown from this height, so that the axes keep theirs."""
-    growth = (legend.get_window_extent().height - height) / figure.dpi
-    figure.set_figheight(figure.get_figheight() + growth)
+    whole = _whole(figure)
+    share = figure.bbox.height / whole.bbox.height
+    growth = (legend.get_window_extent().height - height) / whole.dpi
+    whole.set_figheight(whole.get_figheight() + growth / share)
+
+
+def _whole(figure: Figure | SubFigure) -> Figure:
+    """The figure that a figure is a part of."""
+    return cast("Figure", figure.get_figure(root=True))
 
 
 def _suffix(path: Path) -> str:
