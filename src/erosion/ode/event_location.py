@@ -103,7 +103,7 @@ def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     root of what has a double zero there of second ones, as √(v² + w²). At a switch that may be the rate of a mode that
     does not hold.
     """
-    if not problem.event_set.end_closely:
+    if not problem.event_set.locates_closely:
         return jnp.asarray(False)
     flat_state: FlatState = jax.tree.leaves(motion.value_and_tangents[0])
     near = _VANISHES * problem.scale_near(motion.control.step, FIRST_STEP)

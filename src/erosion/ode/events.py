@@ -36,13 +36,13 @@ class EventSet(abc.ABC):
         are_smooth: whether their functions are by their arithmetic.
         are_slow: whether none of them may move faster than the state.
         foresee: whether steps that get shorter are expected to go on so.
-        end_closely: whether the end of a motion is searched and checked with care, as a user's functions need it.
+        locates_closely: whether the end of a motion is searched and checked with care, as a user's functions need it.
     """
 
     are_smooth: bool = True
     are_slow: bool = True
     foresee: ClassVar[bool] = False
-    end_closely: ClassVar[bool] = False
+    locates_closely: ClassVar[bool] = False
 
     def __init__(self, directions: Sequence[int]) -> None:
         self.directions = directions
@@ -164,7 +164,7 @@ class Armed(EventSet):
         one_sided: whether nothing rivals the first event at an end.
     """
 
-    foresee = end_closely = True
+    foresee = locates_closely = True
 
     def __init__(
         self, directions: Sequence[int], *, own: int, affine: Sequence[bool], smooth: bool, one_sided: bool

@@ -140,7 +140,7 @@ def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     guards: list[Guard] = []
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
-    may_touch = problem.order == 2 and problem.nonsmooth and problem.event_set.end_closely
+    may_touch = problem.order == 2 and problem.nonsmooth and problem.event_set.locates_closely
     if may_touch and jax.eval_shape(problem.operands(square_roots), problem.initial[: problem.width]):
         guards.append(Roots(problem, rtol))
     if problem.detects_stiffness and isinstance(problem.method, RungeKutta):

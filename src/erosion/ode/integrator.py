@@ -127,15 +127,15 @@ def _finish(
     # Of several events at one time, derivatives in which they differ are NaN.
     may_lack = motion.several | motion.lacks
     finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | may_lack)
-    # What an unfinished lane has reached is told, where nothing else says so.
+    # What an unfinished lane has reached is given, where nothing else says so.
     wanted = problem.options.outputs
-    are_told = wanted.are_told(finite, control.mode == UNFINISHED)
-    known = [jnp.where(are_told, number, jnp.nan) for number in numbers[:values]]
+    keeps_values = wanted.keeps_values(finite, control.mode == UNFINISHED)
+    known = [jnp.where(keeps_values, number, jnp.nan) for number in numbers[:values]]
     others = [jnp.where(finite, number, jnp.nan) for number in numbers[values:]]
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
     happening = [lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
-    count, at_once, reached = wanted.told(lax.convert_element_type(motion.count, np.int32), happening, numbers[0])
+    count, at_once, reached = wanted.of_events(lax.convert_element_type(motion.count, np.int32), happening, numbers[0])
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),

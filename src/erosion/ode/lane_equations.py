@@ -178,8 +178,8 @@ class LaneEquations:
         motion = zip(initial[: self.width], slope[: self.width], strict=True)
         times = (jnp.abs(u) / jnp.maximum(jnp.abs(k), TINY) for u, k in motion)
         # A number that is almost zero says nothing.
-        told = (jnp.where(time < _LEAST * scale, jnp.inf, time) for time in times)
-        return functools.reduce(jnp.minimum, (_LONGER * time for time in told), scale)
+        known = (jnp.where(time < _LEAST * scale, jnp.inf, time) for time in times)
+        return functools.reduce(jnp.minimum, (_LONGER * time for time in known), scale)
 
     def scale_near(self, step: Scalar, first: float) -> Scalar:
         """The time scale at a step: where the problem names none, no longer than such that `first` of it is the step.

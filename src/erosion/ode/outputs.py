@@ -27,12 +27,12 @@ class LaneOutputs(abc.ABC):
         """The numbers that are wanted, from the elements of the state and the integrals."""
 
     @abc.abstractmethod
-    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
+    def of_events(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
         """How many events there were, of each whether it happens at the end, and when that is; None if not wanted."""
 
     @abc.abstractmethod
-    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
-        """Whether a lane's values are told: the results that are finite, or what it has reached."""
+    def keeps_values(self, finite: Flag, unfinished: Flag) -> Flag:
+        """Whether a lane's values are given, and are not NaN: those that are finite, or what it has reached."""
 
     @abc.abstractmethod
     def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
@@ -54,11 +54,11 @@ class IntegralOutputs(LaneOutputs):
         """See `LaneOutputs`."""
         return list(integrals)
 
-    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
+    def of_events(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
         """See `LaneOutputs`."""
         return None, [], None
 
-    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
+    def keeps_values(self, finite: Flag, unfinished: Flag) -> Flag:
         """See `LaneOutputs`."""
         return finite
 
@@ -76,11 +76,11 @@ class StateOutputs(LaneOutputs):
         """See `LaneOutputs`."""
         return [*state(), *integrals]
 
-    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
+    def of_events(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
         """See `LaneOutputs`."""
         return count, at_once, reached
 
-    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
+    def keeps_values(self, finite: Flag, unfinished: Flag) -> Flag:
         """See `LaneOutputs`."""
         return finite | unfinished
 

@@ -40,7 +40,7 @@ class SegmentLoop:
         self.scheduled = problem.signature.problem.scheduled()
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
-        self.events = problem.event_set
+        self.event_set = problem.event_set
 
     def to_its_event(
         self,
@@ -81,8 +81,8 @@ class SegmentLoop:
         """Of each event whether its function is past zero where a lane begins, or at zero and does not leave it."""
         slope, events = _at_start(self.problem, rows, self.problem.time_scale)
         scale = self.problem.scale_at_start(rows, slope)
-        events = self.events.at_start(events, scale, jnp.asarray(True))
-        return [jnp.logical_not(each.armed) for each in self.events.watch(events, scale)]
+        events = self.event_set.at_start(events, scale, jnp.asarray(True))
+        return [jnp.logical_not(each.armed) for each in self.event_set.watch(events, scale)]
 
     def after_segment(self, written: Written, segment: Segment) -> Written:
         """What the recorders have written with the end of a segment, before any reset."""
@@ -118,12 +118,12 @@ class SegmentLoop:
         zero = zero + sum(0.0 * row for row in (*initial, *slope)) + 0.0 * scale
         for event in events:
             zero = zero + 0.0 * event.value + 0.0 * event.rate
-        events = self.events.at_start(events, scale, jnp.asarray(True) if before is None else before.event < 0)
-        begins = self.events.begins(events, scale) if problem.options.check_start else jnp.asarray(True)
+        events = self.event_set.at_start(events, scale, jnp.asarray(True) if before is None else before.event < 0)
+        begins = self.event_set.begins(events, scale) if problem.options.check_start else jnp.asarray(True)
         if before is not None:
             begins = begins | (before.event >= 0)
         control = step_control.begin(scale, begins, jnp.isfinite(zero), FIRST_STEP)
-        events = self.events.begun(events)
+        events = self.event_set.begun(events)
         if before is not None:
             # The functions of events that have just happened are zero, but for rounding.
             for i, near in enumerate(zip(before.at_once, before.still_zero, strict=True)):
@@ -137,11 +137,11 @@ class SegmentLoop:
                 rejected=past.rejected,
                 closest_approach=past.closest_approach,
             )
-        events = self.events.in_modes(events)
+        events = self.event_set.in_modes(events)
         first = method.first_step(initial, slope, scale, control.trial_length)
         control = control._replace(trial_length=first, step=first)
         memories = tuple(guard.begin(scale) for guard in self.guards)
-        watched, greatest = self.events.watch(events, scale), method.sizes_at_start(initial, before)
+        watched, greatest = self.event_set.watch(events, scale), method.sizes_at_start(initial, before)
         return Lane(end.within(control), events, initial, slope, watched, greatest, memories)
 
     def _try_step(self, end: Horizon, lane: Lane) -> Lane:
@@ -153,9 +153,9 @@ class SegmentLoop:
         step = method.tried(lane, scale, self.rtol)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         step = step._replace(error=sum((0.0 * part for event in step.events for part in event), step.error))
-        step = self.events.resolved(lane.events, step, before.trial_length)
-        watched = self.events.watch(lane.events, scale)
-        control, moved = self.events.decide(
+        step = self.event_set.resolved(lane.events, step, before.trial_length)
+        watched = self.event_set.watch(lane.events, scale)
+        control, moved = self.event_set.decide(
             watched, before, lane.events, step, scale, self.rtol, problem.limits, method.ending,
             lambda: end.reach(before),
         )  # fmt: skip

@@ -63,7 +63,7 @@ class WantedOutputs(NamedTuple):
     @property
     def codes(self) -> int:
         """Those of the end, and of each event its index and whether each of all happens there."""
-        events = len(self.signature.options.outputs.told(0, self.signature.event_names, 0.0)[1])
+        events = len(self.signature.options.outputs.of_events(0, self.signature.event_names, 0.0)[1])
         return _BESIDE + events + self.events * (1 + events)
 
     @property

@@ -364,7 +364,7 @@ class RungeKutta(Method):
             return at(search.passed + search.length, flat_state, search)
 
         search = at(start, state, None)
-        if self.problem.event_set.end_closely:
+        if self.problem.event_set.locates_closely:
             search = lax.while_loop(goes_on, nearer, search)
         return search, jnp.logical_and(moves, ~search.slow)
 
@@ -399,7 +399,7 @@ class RungeKutta(Method):
         slope, events = self.problem.rate_and_events(state)
         event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
         reached = defined = all_finite([*state, *slope, *self.problem.rate(event)])
-        if self.problem.event_set.end_closely:
+        if self.problem.event_set.locates_closely:
             # One more short step follows: where the event is the edge of what is defined, rounding might pass over it.
             beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
             defined = defined & all_finite(self.problem.rate(beyond))
