@@ -193,7 +193,9 @@ def test_columns_in_memory():
 
 def test_thinning_draws_rows():
     n = 1001
-    whole = Measurements(np.linspace(0.1, 1, n), np.arange(n) * 1.0, "volume", np.ones(n), None, None, "si", "x")
+    whole = Measurements(
+        np.linspace(0.1, 1, n), np.arange(n) * 1.0, "volume", np.ones(n), None, None, shown_in="si", source="x"
+    )
     thin = whole.thinned(500)
     assert len(thin) == len(set(thin.erosion)) == 500
     np.testing.assert_allclose(thin.angle, whole.angle[thin.erosion.astype(int)])

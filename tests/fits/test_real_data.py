@@ -119,7 +119,9 @@ def test_a_good_fit_has_no_pattern_and_no_warning(share):
 
 def rows_of(count: int, **columns: np.ndarray) -> Measurements:
     speed, mass = columns.get("speed"), columns.get("mass")
-    return Measurements(np.linspace(0.1, 1.5, count), np.ones(count), "volume", None, speed, mass, "si", "x")
+    return Measurements(
+        np.linspace(0.1, 1.5, count), np.ones(count), "volume", None, speed, mass, shown_in="si", source="x"
+    )
 
 
 def test_runs_are_counted_as_in_the_textbook():

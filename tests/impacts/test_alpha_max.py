@@ -73,6 +73,12 @@ def test_a_limit_of_the_turn_moves_as_its_turn_does(k, spin, turn):
         assert best.sensitivities[name] * q == pytest.approx((above - below) / (2 * h), rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.parametrize("max_turn", [-1.0, 0.0, np.inf, True, "1.5", "90 in"])
+def test_a_limit_that_is_no_turn_is_refused(max_turn):
+    with pytest.raises(ValueError, match="Argument `max_turn` must"):
+        alpha_max("rotating", P, max_turn=max_turn)
+
+
 def test_a_supremum_that_is_never_reached_is_a_boundary():
     best = alpha_max("tan-alpha", P)
     assert (best.kind, best.alpha, best.attained) == ("boundary", 0.0, False)

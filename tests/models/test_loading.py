@@ -129,7 +129,9 @@ def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, writte
 # Its own text changes as soon as it is traced.
 EDITED = text(first="from pathlib import Path; Path(__file__).write_text(TWICE)") + f"TWICE = {text('2.0')!r}"
 ANGLES = np.deg2rad([15.0, 20.0, 30.0, 50.0])
-MEASURED = Measurements(ANGLES, np.array([1.4, 1.8, 2.1, 1.4]) * 1e-4, "volume", None, None, None, "inch-pound", "x")
+MEASURED = Measurements(
+    ANGLES, np.array([1.4, 1.8, 2.1, 1.4]) * 1.6e-9, "volume", None, None, None, shown_in="inch-pound", source="x"
+)
 
 
 def answers(path: Path) -> list[Any]:

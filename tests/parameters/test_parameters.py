@@ -95,6 +95,9 @@ REFUSED = [
         TypeError,
         r'numbers in SI.* `Parameters.from_quantities\("inch-pound", {...}\)`',
     ),
+    (lambda: erosion.Parameters(*(1.0,) * 10, "inch-pound"), TypeError, "give `shown_in=`"),
+    (lambda: erosion.TABLE_1.replace(sigma=217342.55), ValueError, 'give sigma="217342.55 lbf/in'),
+    (lambda: erosion.TABLE_1.replace(v0=np.int64(4400)), ValueError, 'give v0="4400 in/s"'),
     (
         lambda: erosion.Parameters(*(1.0,) * 8, shown_in="cgs"),
         ValueError,

@@ -391,6 +391,11 @@ def test_few_values_of_a_second_axis_are_a_family():
     assert [line.get_label() for line in ax.lines] == ["v₀ = 2200 in/s"]
     ax = plot_sweep(make(v0=["6543.21 in/s", "14437 in/s"], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["v₀ = 6543 in/s", "v₀ = 14437 in/s"]
+    fig = plot_sweep(make(k=[1.00001, 1.00002, 1.00003], alpha=np.deg2rad(np.linspace(10, 40, 9))))
+    lines = fig.axes[0].lines
+    assert [line.get_label() for line in lines] == ["k = 1.00001", "k = 1.00002", "k = 1.00003"]
+    (legend,) = fig.legends
+    assert [mark.get_color() for mark in legend.get_lines()] == [line.get_color() for line in lines]
 
 
 @pytest.mark.parametrize(("name", "maxima"), [("v0", 0), ("r", 1)])

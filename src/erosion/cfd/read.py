@@ -239,7 +239,7 @@ def _density(density: float | int | str | None) -> float | None:
     if density is None:
         return None
     with about("Argument `particle_density`", ImpactsError):
-        value = read_quantity(density, "density", "si") if isinstance(density, str) else density
+        value = read_quantity(density, "density", None) if isinstance(density, str) else density
     if not isinstance(value, NUMBERS) or not 0 < value < np.inf:
         raise ImpactsError(
             f"Argument `particle_density` must be a number, positive and finite, but is {briefly(density)}."

@@ -31,7 +31,7 @@ _Function = Callable[[np.ndarray], Sequence[float] | np.ndarray]
 
 
 class ReferenceSolution(NamedTuple):
-    """A cut as another solver computes it: volume [volume], end [s], the event that ended it, own quantities."""
+    """A cut as another solver computes it: volume [m³], end [s], the event that ended it, own quantities."""
 
     volume: float
     t_c: float

@@ -75,9 +75,9 @@ def finnie_volume(alpha: Values, speed: Values, mass: Values, flow_stress: Value
 
     Args:
         alpha: α [rad].
-        speed: V, relative to the wall [speed].
+        speed: V, relative to the wall [m/s].
         mass: m, of the particle(s) [mass].
-        flow_stress: p [stress].
+        flow_stress: p [Pa].
         psi: depth of contact over length of the cut ψ [-]; OpenFOAM's default.
         force_ratio: K [-]; OpenFOAM's default.
 

@@ -94,7 +94,7 @@ class Discrepant(Misfit):
 
     @functools.cached_property
     def reference(self) -> float:
-        """v_ref, the fastest speed of the data or the case's [speed]."""
+        """v_ref, the fastest speed of the data or the case's [m/s]."""
         problem = self.plain.problem
         return float(np.max(problem.data.conditions.get("v0", np.asarray(problem.p.v0))))
 

@@ -53,7 +53,7 @@ def to_openfoam(
     Args:
         model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
         p: the case, all scalars; its `alpha` is not used.
-        v0: speeds over which the coefficients must hold, shape (n,) [speed]; without it what is lost at half and
+        v0: speeds over which the coefficients must hold, shape (n,) [m/s]; without it what is lost at half and
             at twice the case's is said.
         d: diameters over which they must hold, shape (n,) [m], or texts with units.
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.

@@ -244,7 +244,7 @@ def read_predictor(path: str | Path) -> Predictor:
         error = about.get("error")
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
-            columns.get("m"), p.shown_in, attrs["data"],
+            columns.get("m"), shown_in=p.shown_in, source=attrs["data"],
             error=None if error is None else ErrorModel(*map(float, error)),
             parts=columns.get("parts"), speeds=columns.get("speeds"), lines=columns.get(LINE),
             unit=str(about.get("unit", "")),

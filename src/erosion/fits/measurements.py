@@ -90,8 +90,8 @@ class Measurements:
     uncertainty: np.ndarray | None
     speed: np.ndarray | None
     mass: np.ndarray | None
-    shown_in: System
-    source: str
+    shown_in: System = dataclasses.field(kw_only=True)
+    source: str = dataclasses.field(kw_only=True)
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
     parts: np.ndarray | None = None

@@ -111,7 +111,7 @@ def check_max_turn(max_turn: float | str | None) -> float | None:
     if max_turn is None:
         return None
     with about("Argument `max_turn`"):
-        angle = read_quantity(max_turn, "angle", "si") if isinstance(max_turn, str) else max_turn
+        angle = read_quantity(max_turn, "angle", None) if isinstance(max_turn, str) else max_turn
     if isinstance(angle, bool) or not isinstance(angle, (int, float, np.number)) or not 0 < angle < math.inf:
         raise ValueError(
             f'Argument `max_turn` must be an angle above 0, such as "90deg", or None, but is {briefly(max_turn)}.'

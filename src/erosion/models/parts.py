@@ -226,7 +226,7 @@ class Deformation(eqx.Module):
 
     @abc.abstractmethod
     def removed_at_contact(self, p: Parameters) -> Broadcast:
-        """V_D [volume]."""
+        """V_D [m³]."""
 
 
 class NoDeformation(Deformation):
@@ -246,7 +246,7 @@ class EnergyOfNormalMotion(Deformation):
 
     @abc.abstractmethod
     def energy(self, p: Parameters) -> Broadcast:
-        """ε [stress], the energy that removes a unit of volume."""
+        """ε [Pa], the energy that removes a unit of volume."""
 
     def removed_at_contact(self, p: Parameters) -> Broadcast:
         normal = p.v0 * sincos(p.alpha)[0]

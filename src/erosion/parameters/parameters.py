@@ -103,7 +103,8 @@ class Parameters(Result, eqx.Module):
         shown_in: the unit system of results, "si" or "inch-pound" (in, s, lbf, slinch).
 
     Raises:
-        TypeError: for `units`, which does not say whether the numbers are in these units.
+        TypeError: for `units`, which does not say whether the numbers are in these units, and for a unit system
+            without `shown_in=`.
 
     References:
         Laverty, Table 1 and equations (16)-(21). The scenario fixes β = ½; here it is free.
@@ -124,10 +125,10 @@ class Parameters(Result, eqx.Module):
     )
 
     def __new__(cls, *args: object, **fields: object) -> "Parameters":
-        """Refuse `units`; all else is for the constructor."""
-        if "units" in fields:
+        """Refuse a unit system that may be meant as that of the numbers; all else is for the constructor."""
+        if "units" in fields or any(isinstance(value, str) for value in args):
             raise TypeError(
-                "Argument `units` must be left out, as `Parameters` takes numbers in SI: give `shown_in` to show "
+                "Argument `units` must be left out, as `Parameters` takes numbers in SI: give `shown_in=` to show "
                 "results in other units; numbers in other units are read by "
                 '`Parameters.from_quantities("inch-pound", {...})`.'
             )
@@ -297,12 +298,13 @@ def si_numbers(name: str, value: object, quantity: Quantity, shown_in: System) -
             return read_axis(value, quantity.dimension, bare=None)
     if shown_in == "si" or quantity.size(shown_in) == 1:
         return value
-    if not isinstance(value, (int, float)):
+    if not isinstance(value, (int, float, np.number)):
         remedy = f"texts such as {name}={example(quantity.dimension, shown_in)}"
         given = "bare numbers"
     else:
-        typed = f"{value:g} {ascii_unit(unit_name(quantity.dimension, shown_in))}"
-        given, remedy = f"the bare number {value:g}", f'{name}="{typed}"'
+        number = repr(float(value)).removesuffix(".0")
+        typed = f"{number} {ascii_unit(unit_name(quantity.dimension, shown_in))}"
+        given, remedy = f"the bare number {number}", f'{name}="{typed}"'
     raise ValueError(
         f"Argument `{name}` must have a unit, as the case is shown in {shown_in} units, but is {given}: give {remedy}, "
         f'or numbers in SI to the case `p.to("si")`.'

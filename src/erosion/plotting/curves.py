@@ -174,7 +174,7 @@ class ShapeCurve(NamedTuple):
     Args:
         label: the text in the legend.
         angles: α, ascending, shape (n,) [rad]; NaN where the curve has a gap.
-        volume: V, shape (n,) [volume].
+        volume: V, shape (n,) [m³].
         best: the maximum, α = 0 for a limit; None draws no mark.
         beyond: where the body turns by more than 90°, shape (n,); there the curve is dotted.
     """

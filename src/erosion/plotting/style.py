@@ -11,7 +11,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -205,7 +205,7 @@ def _fit_legend(figure: Figure | SubFigure, legend: Legend, whole: Mapping[str, 
     if (overhang := _overhang(figure, legend)) <= 0:
         return
     height, widths = legend.get_window_extent().height, [_width(figure, text) for text in legend.get_texts()]
-    room = _SPARE * (max(widths) - overhang)
+    room = _SPARE * (max(*widths, _width(figure, legend.get_title())) - overhang)
     for text, width in zip(legend.get_texts(), widths, strict=True):
         if width > room:
             words = text.get_text()
@@ -244,7 +244,7 @@ def _grow(figure: Figure | SubFigure, legend: Legend, height: float) -> None:
 
 def _whole(figure: Figure | SubFigure) -> Figure:
     """The figure that a figure is a part of."""
-    return cast("Figure", figure.get_figure(root=True))
+    return figure.get_figure(root=True)
 
 
 def _suffix(path: Path) -> str:

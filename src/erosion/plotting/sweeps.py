@@ -388,7 +388,9 @@ def _labels(sweep: xr.Dataset, name: str) -> list[str]:
     axis = _axis(sweep, name)
     unit = axis.label.partition("[")[2].rstrip("]")
     space = "" if unit == "°" else " "
-    return [
-        f"{sweep[name].attrs['symbol']} = {value:{'.0f' if abs(value) >= _LARGE else '.4g'}}{space}{unit}".rstrip()
-        for value in axis.values
-    ]
+    symbol, values = sweep[name].attrs["symbol"], axis.values
+    numbers, digits = [f"{value:{'.0f' if abs(value) >= _LARGE else '.4g'}}" for value in values], 4
+    while len({*numbers}) < len({*values.tolist()}):  # repr has 17 digits, by which all differ
+        digits += 1
+        numbers = [f"{value:.{digits}g}" for value in values]
+    return [f"{symbol} = {number}{space}{unit}".rstrip() for number in numbers]

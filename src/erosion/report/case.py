@@ -350,7 +350,7 @@ class ReportCase:
 
     @functools.cached_property
     def volume(self) -> float:
-        """The exact removed volume [volume]."""
+        """The exact removed volume [m³]."""
         return float(self.closed.volume(self.p))
 
     def weighed(self, volume: float) -> Record:
