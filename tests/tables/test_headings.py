@@ -88,10 +88,14 @@ def test_what_a_refusal_prints_can_be_typed(head: str, named: str | None) -> Non
     ignore, entry = re.findall(r"\(((['\"]).*?\2)\)(?=, or|\.$)", str(refusal.value))
     table = {head: [3.0], "count": [1.0]}
     assert open_table(table, WANTED, ignore=ast.literal_eval(ignore[0])).unused == ()
-    meant = ast.literal_eval(entry[0]).replace("NAME", "speed").replace("UNIT", "m/s").replace("[mean]", "[m/s]")
+    meant = ast.literal_eval(entry[0]).replace("NAME", "speed").replace("UNIT", "m/s")
     assert open_table(table, WANTED, columns=read_meanings(meant)).numbers["speed"] == pytest.approx([3.0])
 
 
 def test_meanings_are_read_as_they_are_written() -> None:
     meant = {"Loss, total": "mass_loss [mg]", '"q"': "mm", 'a "b"': "m/s", "c = d": "kg"}
     assert read_meanings(written_meanings(meant)) == meant
+
+
+def test_a_meaning_may_stand_in_quotes() -> None:
+    assert read_meanings('"Loss, total"="mass_loss [mg]", x="mm"') == {"Loss, total": "mass_loss [mg]", "x": "mm"}

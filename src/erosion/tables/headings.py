@@ -280,11 +280,16 @@ class IgnoreError(ValueError):
 def unit_row(headings: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
     """The units of the columns, of the row below their headings; empty where this row has something else."""
     texts = [_spelled(cell.strip().strip("[]()").strip()) for cell in cells]
-    are_units = [text not in NO_UNIT and _dimension(text, DIMENSIONS) is not None for text in texts]
+    are_units = [*map(is_unit, texts)]
     if len(texts) != len(headings) or not any(are_units):
         return ()
     are_good = (is_unit or text in ("", "-", "–") for is_unit, text in zip(are_units, texts, strict=True))
     return tuple(texts) if all(are_good) else ()
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of some quantity."""
+    return text not in NO_UNIT and _dimension(text, DIMENSIONS) is not None
 
 
 def _understood(text: str, names: Mapping[str, str], default: str = "") -> Heading | None:

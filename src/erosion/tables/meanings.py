@@ -13,7 +13,7 @@ from erosion.tables.source import TableError
 def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
     """Read meanings of columns: "x,y,z=mm, d50=diameter [um]", a TOML file with such entries, or a mapping.
 
-    A heading with a comma stands in quotes, as in a CSV file: '"Loss, total"=mass_loss [mg]'.
+    A heading with a comma stands in quotes, as in a CSV file: '"Loss, total"=mass_loss [mg]'. A meaning may, too.
 
     Raises:
         TableError: for what is none of these.
@@ -32,6 +32,7 @@ def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
         start, equals, text = (part.strip() for part in entry.rpartition("="))
         headings.append(start if equals else text)
         if equals:
+            text = text.removeprefix('"').removesuffix('"')
             meant |= dict.fromkeys(headings, text)
             headings = []
     if headings or not meant or not all(meant) or not all(meant.values()):

@@ -22,6 +22,7 @@ from erosion.tables.headings import (
     doubtful,
     heading_parts,
     ignored_columns,
+    is_unit,
     matching,
 )
 from erosion.tables.meanings import explained
@@ -182,7 +183,7 @@ def _typed(headings: Sequence[str], head: str, text: str) -> tuple[str, str]:
     """
     name, unit = heading_parts(head)[0], heading_parts(text)[1]
     named = name if len(columns_of(headings, name)) == 1 else head.strip()
-    return _quoted(list_item(head.strip())), _quoted(f"{list_item(named)}=NAME [{unit or 'UNIT'}]")
+    return _quoted(list_item(head.strip())), _quoted(f"{list_item(named)}=NAME [{unit if is_unit(unit) else 'UNIT'}]")
 
 
 def _quoted(text: str) -> str:
