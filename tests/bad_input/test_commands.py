@@ -31,7 +31,7 @@ CASE_AND_OPTIONS = [
     ("run --v0 --alpha", "but '--alpha' cannot be read."),
     ("run --k 0", "Option `--k` must be positive and finite, but is 0."),
     ("run --k '2 deg'", "Option `--k` must be a pure number such as 2, but is '2 deg'."),
-    ("run --m 1e-400", "Option `--m` must be positive and finite, but is 0."),
+    ("run --m 1e-400", "Option `--m` must be positive and finite, but is 0 slinch."),
     ("run --phidot0 '500 Hz'", "Option `--phidot0` must be an angular speed"),
     ("run --phidot0 nan", "Option `--phidot0` must be a finite number, but is nan."),
     ("run --sigma '1 GPa/s'", "Option `--sigma` must be a stress"),

@@ -120,7 +120,7 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
         np.testing.assert_array_equal(tree["observed_data"]["erosion"], data.erosion)
         np.testing.assert_array_equal(tree["constant_data"]["alpha"], data.angle)
         assert tree["posterior"].attrs["log_evidence"] == pytest.approx(result.log_evidence)
-        assert tree["observed_data"]["erosion"].attrs["units"] == "in^3"
+        assert tree["observed_data"]["erosion"].attrs["units"] == "m^3"
         squares = ((data.erosion - result.of_model.draw(data.angle, count=800)) / data.uncertainty) ** 2
         logs = -0.5 * squares.sum(axis=1) - np.log(data.uncertainty * np.sqrt(2 * np.pi)).sum()
         np.testing.assert_allclose(np.ravel(tree["sample_stats"]["log_likelihood"]), logs, rtol=1e-9)

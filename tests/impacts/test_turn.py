@@ -2,6 +2,7 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
 from matplotlib.text import Text
@@ -43,7 +44,13 @@ def test_the_limit_is_where_the_closed_form_turns_by_a_quarter():
     exact, at = closed_form("finnie"), p.replace(alpha=best.alpha)
     turn = exact.state(exact.t_c(at), at).phi - np.pi / 2
     assert abs(float(turn)) == pytest.approx(np.deg2rad(20), abs=1e-7)
-    assert all(np.isnan(rate) for rate in best.sensitivities.values())
+
+    def turns(k, alpha):
+        there = p.replace(k=k, alpha=alpha)
+        return exact.state(exact.t_c(there), there).phi
+
+    by_k, by_alpha = jax.grad(turns, (0, 1))(1.0, float(best.alpha))
+    assert best.sensitivities["k"] == pytest.approx(-float(by_k / by_alpha), rel=1e-6)
 
 
 def test_the_first_example_holds():

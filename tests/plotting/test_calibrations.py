@@ -14,6 +14,7 @@ from matplotlib.container import ErrorbarContainer
 
 import erosion
 from erosion import TABLE_1, FitProblem, calibrate, next_test, posterior
+from erosion.models import BUILT_IN
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.fits import (
     plot_best_angles,
@@ -39,6 +40,9 @@ def fit():
     return calibrate(FitProblem("linearized", SI, table, ["k", "psi"]), starts=1)
 
 
+TITLE = BUILT_IN["linearized"].summary
+
+
 def drawn(ax: Axes, label: str, which: int = 0) -> np.ndarray:
     """x and y of a line with this label, shape (2, n)."""
     lines = [line for line in ax.get_lines() if line.get_label() == label]
@@ -55,9 +59,9 @@ def test_data_fit_band_and_residuals(fit):
     upper, lower = plot_calibration([fit, fit]).axes
     assert upper.get_ylabel() == "$V$  removed volume  [mm³]"
     np.testing.assert_allclose(measured(upper), [DEGREES, fit.data.erosion * 1e9])
-    degrees, best = drawn(upper, "linearized")
+    degrees, best = drawn(upper, TITLE)
     np.testing.assert_allclose(best, fit.curve(np.deg2rad(degrees))[0] * 1e9)
-    np.testing.assert_allclose(drawn(upper, "linearized, as linearized")[1], best)
+    np.testing.assert_allclose(drawn(upper, f"{TITLE}, as {TITLE}")[1], best)
     (band,) = [one for one in upper.collections if isinstance(one, PolyCollection)]
     highest = np.asarray(band.get_paths()[0].vertices)[:, 1].max()
     predicted = erosion.predict(fit, np.deg2rad(np.arange(5.0, 90.0))).columns["mean_high"].max()

@@ -30,7 +30,8 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, progress_bar, weighing
-from erosion.results import Columns, Declared, Finding, Scale, Value
+from erosion.parameters import Derivative
+from erosion.results import Columns, Declared, Finding, Scale, Value, ValueGroup
 
 
 def run(
@@ -147,8 +148,8 @@ def _sensitivities(best: "lazy.Optimum") -> list[Declared]:
     """How the angle moves with each parameter: by one of its units in JSON, by its own size in a table."""
     rates = best.sensitivities
     known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
-    by_unit = [float(rate) * known[q].size(best.shown_in) for q, rate in rates.items()]
-    data = Value("sensitivities", by_unit, labels=[*rates], only="data")
+    each = [Value(q, rate, measure=Derivative("angle", (known[q].dimension,))) for q, rate in rates.items()]
+    data = ValueGroup("sensitivities", each, only="data")
     if best.without_sensitivities:
         return [data]
     moves = [math.degrees(rate * size[q]) for q, rate in rates.items()]
